@@ -16,8 +16,8 @@ Because the buses form a forest over the PEs, a route between two PEs is unique 
 """
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from heronry_dg.model import Bus, Function, Module, Spec
@@ -26,6 +26,7 @@ from heronry_wire.management import MOST_PRIORITY
 from heronry_wire.spelling import close, kind_word, meant
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
+_OF_NO_ROUTE = ("device:", "module:")  # elements of which no route and no capacity depends
 _PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
 _LIKENESS = 0.75  # least similarity of an element that is suggested; elements of a wrong kind reach 0.7
 _LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re.ASCII)
@@ -243,19 +244,30 @@ def hosts_when_all_is_up(spec: Spec, module: Module) -> tuple[str, ...]:
     )
 
 
-def survivors(spec: Spec, now: Situation) -> Survivors:
-    """Compute what the situation `now` leaves of the system."""
+def survivors(spec: Spec, now: Situation, intact: Survivors | None = None) -> Survivors:
+    """Compute what the situation `now` leaves of the system.
+
+    intact: what is left of this spec with everything up, if it is already computed: where no PE and no bus is down or
+        limited, its PEs, buses and routes are taken.
+    """
+    if intact is not None and not now.limits and all(one.startswith(_OF_NO_ROUTE) for one in now.down):
+        return replace(
+            intact,
+            devices=intact.devices - {one.removeprefix("device:") for one in now.down if one.startswith("device:")},
+            failed_modules=frozenset(_module_names(now.down) & spec.modules.keys()),
+            failed_places=frozenset(_place(element) for element in now.down if is_place(element)),
+        )
     buses = [b for b in spec.buses.values() if not _bus_is_down(b.name, b.channels, now)]
     alive = [p for p in spec.pes if f"pe:{p}" not in now.down]
     reached = _reachable(spec, {b.name for b in buses}, set(alive))
-    commanded = [p for p in alive if p in reached]
+    commanded = {p: None for p in alive if p in reached}
     return Survivors(
         pe_cpu_millis={p: int(spec.pes[p].cpu_millis * now.limits.get(f"pe:{p}", Fraction(1))) for p in commanded},
         bus_mbit_per_s={b.name: room_mbit_per_s(b, now.limits.get(f"bus:{b.name}", Fraction(1))) for b in buses},
         devices=frozenset(
             d.name for d in spec.devices.values() if d.pe in commanded and f"device:{d.name}" not in now.down
         ),
-        failed_modules=frozenset(m for m in spec.modules if f"module:{m}" in now.down),
+        failed_modules=frozenset(_module_names(now.down) & spec.modules.keys()),
         failed_places=frozenset(_place(element) for element in now.down if is_place(element)),
         routes={
             (origin, destination): route
@@ -277,6 +289,10 @@ def room_mbit_per_s(bus: Bus, share: Fraction = Fraction(1)) -> int:
 def foreign_bits_per_s(bus: Bus) -> Fraction:
     """Give what foreign frames take of a bus, in bit/s."""
     return sum((Fraction(one.bits * 10**9, one.period_ns) for one in bus.foreign), Fraction(0))
+
+
+def _module_names(down: Collection[str]) -> set[str]:
+    return {name for kind, _, name in (element.partition(":") for element in down) if kind == "module"}
 
 
 def _place(element: str) -> tuple[str, str]:

@@ -98,10 +98,10 @@ def criticality_ranks(spec: Spec) -> dict[str, int]:
     All phases count, and all modes of the modules.
     """
     ranks = dict.fromkeys(spec.modules, len(CRITICALITIES) - 1)
-    feeders = _feeders(spec)
+    feeding = feeders(spec)
     for function in spec.functions.values():
         rank = best_rank(spec, function)
-        for module in _contributors(function, feeders):
+        for module in contributors(function.outputs, feeding):
             ranks[module] = min(ranks[module], rank)
     return ranks
 
@@ -116,7 +116,7 @@ def best_rank(spec: Spec, function: Function) -> int:
     return min((CRITICALITIES.index(function.criticality_in(phase)) for phase in wanted), default=4)
 
 
-def _feeders(spec: Spec) -> dict[str, set[str]]:
+def feeders(spec: Spec) -> dict[str, set[str]]:
     """Find for each module the modules whose data it could read."""
     givers: dict[tuple[str, int], list[str]] = {}
     for module in spec.modules.values():
@@ -135,15 +135,15 @@ def _feeders(spec: Spec) -> dict[str, set[str]]:
     }
 
 
-def _contributors(function: Function, feeders: Mapping[str, set[str]]) -> set[str]:
-    """Find the output modules of a function, and the modules whose data could reach one of these.
+def contributors(outputs: Iterable[str], feeding: Mapping[str, set[str]]) -> set[str]:
+    """Find these output modules, and the modules whose data could reach one of them.
 
-    feeders: module -> the modules whose data it could read.
+    feeding: module -> the modules whose data it could read (`feeders`).
     """
-    found, frontier = set[str](), list(function.outputs)
+    found, frontier = set[str](), list(outputs)
     while frontier:
         name = frontier.pop()
         if name not in found:
             found.add(name)
-            frontier.extend(feeders[name])
+            frontier.extend(feeding[name])
     return found

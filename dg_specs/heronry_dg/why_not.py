@@ -14,7 +14,7 @@ was left out for one of two causes: for lack of resources, or in favour of other
 which of these two causes holds passes the answer to `why_not` as `alone`.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from heronry_dg.findings import listed
@@ -80,7 +80,13 @@ class Feasibility:
                 self._producers[variable].append((module, mode))
             for variable in {leaf.variable for _, leaf in mode.leaves()}:
                 self._readers[variable].append((module, mode))
-        intact = Feasible(self._spec, Situation(), survivors(spec, Situation()), {}, self._producers)
+        self._intact = survivors(spec, Situation())
+        intact = Feasible(self._spec, Situation(), self._intact, {}, self._producers)
+        self._drivers: dict[str, list[str]] = {device: [] for device in spec.devices}
+        for module in spec.modules.values():
+            if module.device is not None:
+                self._drivers[module.device].append(module.name)
+        self._homeless = [m.name for m in spec.modules.values() if not self._hosts(m, intact.left)]
         self._never_met = [(module, mode) for module, mode in every if not intact.can_hold(mode.needs, 1)]
 
     def in_situation(self, now: Situation, left: Survivors | None = None) -> Feasible:
@@ -88,9 +94,8 @@ class Feasibility:
 
         left: the survivors of the situation, if they are already computed; None: compute them.
         """
-        left = survivors(self._whole, now) if left is None else left
-        modules = self._spec.modules.values()
-        homeless = [m for m in modules if not left.hosts_among(m, self._homes[m.name])]
+        left = survivors(self._whole, now, self._intact) if left is None else left
+        homeless = [m for m in self._suspects(now) if not self._hosts(m, left)]
         fallen = [(module, mode) for module in homeless for mode in module.modes.values()]
         found = Feasible(self._spec, now, left, {}, self._producers)
         checked, rounds = self._never_met, 0
@@ -104,6 +109,21 @@ class Feasibility:
             ]
             checked = []
         return found
+
+    def _hosts(self, module: Module, left: Survivors) -> tuple[str, ...]:
+        return left.hosts_among(module, self._homes[module.name])
+
+    def _suspects(self, now: Situation) -> Iterable[Module]:
+        """Give the modules that may have no PE in a situation: all of them if a PE or a bus is down."""
+        suspects = dict.fromkeys(self._homeless)
+        for kind, _, name in (element.partition(":") for element in now.down):
+            if kind == "device":
+                suspects.update(dict.fromkeys(self._drivers.get(name, ())))
+            elif kind == "module":
+                suspects[name.partition("@")[0]] = None
+            else:
+                return self._spec.modules.values()
+        return [self._spec.modules[name] for name in suspects if name in self._spec.modules]
 
     def _reading(self, fallen: list[tuple[Module, Mode]]) -> Iterator[tuple[Module, Mode]]:
         """Give each mode that reads a variable which some mode in `fallen` gives."""

@@ -263,7 +263,7 @@ def test_the_list_of_one_rule_says_which_command_has_more(capsys: pytest.Capture
 
 def test_the_page_of_rules_is_current(capsys: pytest.CaptureFixture[str]) -> None:
     """Otherwise: heronry rules -o docs/rules.md."""
-    assert main(["rules", "--docs"]) == 0
+    assert main(["rules", "--format", "markdown"]) == 0
     page = capsys.readouterr().out
     assert (ROOT / "docs/rules.md").read_text() == page
     assert all(f"### {rule.code} {rule.name}\n" in page for rule in registry.RULES.values())

@@ -10,7 +10,7 @@ from itertools import islice
 
 from heronry_dg import loader
 from heronry_dg.check.comments import Ignore, Instructions, lines_of, read_instructions
-from heronry_dg.check.subject import Subject
+from heronry_dg.check.subject import UNSEEN, Subject, Work
 from heronry_dg.findings import Finding, Findings
 from heronry_dg.rules import file as file_rules
 from heronry_dg.rules.rule import Rule, Severity
@@ -58,26 +58,35 @@ class Assessed:
 
 
 def assess(
-    data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice = Choice()
+    data: bytes,
+    file: str,
+    checks: Mapping[str, Check],
+    rules: Mapping[str, Rule],
+    choice: Choice = Choice(),
+    *,
+    work: Work = UNSEEN,
 ) -> Assessed:
     """Check the content of a file, and return the findings about it.
 
     checks: the check of each family of rules, by the prefix of the family's codes.
     rules: all rules, by code. A `# dg:` comment that names another code gives a finding.
     choice: the codes to report; a finding that stops the spec from being loaded is always reported.
+    work: shows how far long checks are.
     """
     with loader.collector_at_rest():
-        return _assess(data, file, checks, rules, choice)
+        return _assess(data, file, checks, rules, choice, work=work)
 
 
-def _assess(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice) -> Assessed:
+def _assess(
+    data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice, *, work: Work
+) -> Assessed:
     findings = Findings(file)
     loaded = loader.read(data, file, findings)
     said = read_instructions(data, rules, findings)
     ran = {prefix: check for prefix, check in checks.items() if choice.includes_some_of(prefix)}
     if loaded is not None:
         for check in ran.values():
-            check(Subject(file, loaded), findings)
+            check(Subject(file, loaded, work), findings)
     told, used = _told(findings, said, rules, choice)
     told = _without_echoes(told, rules)
     if loaded is not None:

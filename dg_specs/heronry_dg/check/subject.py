@@ -5,6 +5,7 @@ every element has its fields (in the draft of the spec no `form` is None), and e
 """
 
 from dataclasses import dataclass
+from typing import Final, Protocol
 
 from heronry_dg import yaml_source
 from heronry_dg.findings import Place
@@ -12,12 +13,36 @@ from heronry_dg.loader import Loaded
 from heronry_dg.model import Spec
 
 
+class Work(Protocol):
+    """Shows the user how far a long check is."""
+
+    def begin(self, what: str, total: int) -> None:
+        """Begin a piece of work of `total` steps."""
+
+    def step(self, steps: int = 1) -> None:
+        """Count steps that are done."""
+
+
+class _Unseen:
+    """Work of which nobody sees how far it is."""
+
+    def begin(self, what: str, total: int) -> None:
+        pass
+
+    def step(self, steps: int = 1) -> None:
+        pass
+
+
+UNSEEN: Final = _Unseen()
+
+
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A spec that loads, and where in the file each of its parts is written."""
+    """A spec that loads, and where in the file each of its parts is written; `work`: shows how far a check is."""
 
     file: str
     loaded: Loaded
+    work: Work = UNSEEN
 
     @property
     def spec(self) -> Spec:

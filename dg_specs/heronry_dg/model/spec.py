@@ -149,6 +149,8 @@ class Spec(Header):
         An input that `only_in` restricts to other phases accepts no version. If there is no such input, the result is
         this object itself.
         """
+        if phase is None:
+            return self
         closed = {
             module.name: module.in_phase(phase)
             for module in self.modules.values()

@@ -144,23 +144,14 @@ def _with_needs_met(candidate: Candidate, given: Mapping[str, set[int]]) -> Cand
 
 def _useful(possible: Mapping[str, Candidate], wanted: frozenset[str]) -> set[str]:
     """Return the modules in `wanted`, and all that feed a possible mode of one of these, directly or not."""
-    read: dict[str, list[Leaf]] = {
-        name: [leaf for mode in candidate.modes() for _, leaf in mode.leaves()] for name, candidate in possible.items()
-    }
+    givers = _givers(possible)
     useful = {name for name in possible if name in wanted}
     frontier = list(useful)
     while frontier:
-        leaves = read[frontier.pop()]
-        for name, candidate in possible.items():
-            if name not in useful and _feeds(candidate, leaves):
-                useful.add(name)
-                frontier.append(name)
+        for mode in possible[frontier.pop()].modes():
+            for _, leaf in mode.leaves():
+                for name, _, version in givers.get(leaf.variable, ()):
+                    if name not in useful and leaf.accepts(version):
+                        useful.add(name)
+                        frontier.append(name)
     return useful
-
-
-def _feeds(candidate: Candidate, leaves: list[Leaf]) -> bool:
-    return any(
-        (version := mode.gives.get(leaf.variable)) is not None and leaf.accepts(version)
-        for mode in candidate.modes()
-        for leaf in leaves
-    )

@@ -8,19 +8,20 @@ planned, with its priorities.
 Identifiers, and with them response times, are always taken from the whole spec, as they are used on the bus.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Final
 
 from heronry_dg.configuration import Configuration
-from heronry_dg.losses import lost_elements, used_elements
+from heronry_dg.losses import lost_of, used_elements
 from heronry_dg.model import Function, Spec
 from heronry_dg.objective import placement, serving_modules, value_of
 from heronry_dg.plan import Plan
 from heronry_dg.response_times import ResponseTimes
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, Survivors, survivors
+from heronry_dg.traffic import contributors, feeders
 from heronry_manager.planner.candidates import Candidates, candidates
 from heronry_manager.planner.exact import Search, plan
 
@@ -64,6 +65,56 @@ class Answer:
         return self.proven and self.configuration is None
 
 
+def parts_of(spec: Spec, configuration: Configuration) -> dict[str, frozenset[str]]:
+    """Give for each function that a legal configuration serves its part: the modules that the function needs of it.
+
+    These are the module that serves it, and all that feeds this module, directly or not. Parts of a legal
+    configuration, taken together, are a legal configuration: every input stays wired, and less is used of everything.
+    """
+    served = serving_modules(spec, configuration)
+    return {function.name: _feeding(configuration, output) for function, output in served if output is not None}
+
+
+def _feeding(configuration: Configuration, output: str) -> frozenset[str]:
+    found, frontier = {output}, [output]
+    while frontier:
+        for wire in configuration.modules[frontier.pop()].inputs.values():
+            if wire.producer not in found:
+                found.add(wire.producer)
+                frontier.append(wire.producer)
+    return frozenset(found)
+
+
+class _Known:
+    """A legal configuration that was found before, in parts (`parts_of`)."""
+
+    def __init__(self, spec: Spec, configuration: Configuration) -> None:
+        self._configuration = configuration
+        self._parts = parts_of(spec, configuration)
+        self._values = {
+            function.name: value_of(spec, configuration, function, output)
+            for function, output in serving_modules(spec, configuration)
+            if output is not None
+        }
+        self._used_by: dict[str, set[str]] = {}  # functions, by element
+        for name, part in self._parts.items():
+            for element in used_elements(spec, self._reduced(part)):
+                self._used_by.setdefault(element, set()).add(name)
+
+    def serving(self, functions: Collection[str], lost: frozenset[str], least: Mapping[str, int]) -> set[str]:
+        """Give those of the functions that are served, with the value asked for, by parts that use nothing lost."""
+        hit = set[str]().union(*(self._used_by.get(element, ()) for element in lost))
+        served = self._values.keys() & set(functions) - hit
+        return {name for name in served if self._values[name] >= least.get(name, 0)} if least else served
+
+    def of(self, functions: Collection[str]) -> Configuration:
+        """Give the parts of these functions as one configuration."""
+        return self._reduced(frozenset[str]().union(*(self._parts[name] for name in functions)))
+
+    def _reduced(self, modules: frozenset[str]) -> Configuration:
+        return Configuration({name: one for name, one in self._configuration.modules.items() if name in modules})
+
+
 class Planning:
     """Tells which functions of one spec can be served: in a phase, all at once, or with elements down.
 
@@ -74,9 +125,18 @@ class Planning:
         self.spec = spec
         self._plans: dict[Phase, Plan] = {}
         self._of_phase: dict[Phase, Planning] = {}
-        self._known: list[
-            tuple[Configuration, frozenset[str]]
-        ] = []  # configurations found so far, each with the elements that it uses
+        self._known: list[_Known] = []  # configurations found so far
+
+    @cached_property
+    def _intact(self) -> Survivors:
+        return survivors(self.spec, Situation())
+
+    def _lost(self, down: frozenset[str]) -> frozenset[str]:
+        return lost_of(survivors(self.spec, Situation(down), self._intact)) if down else frozenset()
+
+    @cached_property
+    def _feeders(self) -> dict[str, set[str]]:
+        return feeders(self.spec)
 
     @cached_property
     def times(self) -> ResponseTimes:
@@ -88,18 +148,33 @@ class Planning:
 
         If the spec has no such input, this object itself is returned.
         """
-        planned = self.spec.in_phase(phase)
-        if planned is self.spec:
-            return self
-        return self._of_phase.setdefault(phase, Planning(planned))
+        if phase not in self._of_phase:
+            planned = self.spec.in_phase(phase)
+            self._of_phase[phase] = self if planned is self.spec else Planning(planned)
+        return self._of_phase[phase]
 
-    def possible(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> frozenset[str]:
+    def possible(self, functions: Set[str], down: frozenset[str] = frozenset()) -> frozenset[str]:
         """Give those of the functions that could be served without the elements in `down`.
 
         It is assumed that each module has its PE to itself.
         """
-        modules = self.candidates_for(functions, down).modules
-        return frozenset(name for name in functions if any(one in modules for one in self.spec.functions[name].outputs))
+        lost = self._lost(down)
+        known = max((one.serving(functions, lost, NOTHING_ASKED) for one in self._known), key=len, default=set[str]())
+        left = [self.spec.functions[name] for name in functions if name not in known]
+        if not left:
+            return frozenset(known)
+        used = contributors([output for function in left for output in function.outputs], self._feeders)
+        part = {name: module for name, module in self.spec.modules.items() if name in used}
+        asked = {function.name: replace(function, priority={None: 1}) for function in left}
+        modules = candidates(replace(self.spec, modules=part, functions=asked), Situation(down)).modules
+        return frozenset(known).union(one.name for one in left if any(output in modules for output in one.outputs))
+
+    def can_serve(self, functions: Collection[str], down: frozenset[str]) -> bool:
+        """Tell whether all these functions can be served at the same time while the elements in `down` are down."""
+        lost = self._lost(down)
+        if any(len(known.serving(functions, lost, NOTHING_ASKED)) == len(functions) for known in self._known):
+            return True
+        return self.all_at_once(functions, down).configuration is not None
 
     def all_at_once(
         self,
@@ -120,7 +195,7 @@ class Planning:
         search.run(groups=1)
         if not self._serves(search.best, functions, least):
             return Answer(None, search.proven)
-        self._known.append((search.best, used_elements(self.spec, search.best)))
+        self._known.append(_Known(self.spec, search.best))
         return Answer(search.best, search.proven)
 
     def survives(
@@ -128,14 +203,15 @@ class Planning:
     ) -> Configuration | None:
         """Give a known configuration that serves these functions and uses nothing that is lost when `down` is down.
 
-        Only configurations that were found for earlier questions are tried; None if none of them does this.
+        Only configurations that were found for earlier questions are tried, and parts of them (`_Known`); None if none
+        of them does this.
 
         down: elements that are down.
         least: the lowest value with which each function may be served; 0 for a function that is not named.
         """
-        lost = lost_elements(self.spec, Situation(down))
-        alive = (known for known, used in self._known if used.isdisjoint(lost))
-        return next((known for known in alive if self._serves(known, functions, least)), None)
+        lost = self._lost(down)
+        whole = (known for known in self._known if len(known.serving(functions, lost, least)) == len(functions))
+        return next((known.of(functions) for known in whole), None)
 
     def healthy(self, phase: Phase) -> Plan:
         """Give the best plan of a phase with everything up."""

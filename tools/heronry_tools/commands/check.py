@@ -13,18 +13,21 @@ import gc
 import os
 import sys
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import JSON, Forms, add_output
+from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import FLOWN
 from heronry_wire.errors import HeronryError
 
 if TYPE_CHECKING:
-    from heronry_dg.check.assess import Assessed, Choice
+    from heronry_dg.check.assess import Assessed, Check, Choice
+    from heronry_dg.check.subject import Subject
+    from heronry_dg.findings import Findings
 
 _FORMATS: Final[Forms] = {
     "full": (),
@@ -112,7 +115,10 @@ def _run(arguments: argparse.Namespace) -> int:
 
     choice = _choice(arguments)
     try:
-        assessed = [_assessed(name, path, choice, fast=arguments.fast) for name, path in _files(arguments.paths)]
+        with Progress() as progress:
+            assessed = [
+                _assessed(name, path, choice, progress, fast=arguments.fast) for name, path in _files(arguments.paths)
+            ]
         with _defects_of("the report"):
             report = _report(_told(assessed, quiet=arguments.quiet), assessed, arguments)
     except _DefectError as defect:
@@ -200,7 +206,7 @@ def _shipped(text: str) -> Path | None:
     return shipped_spec_path(text) if is_shipped else None
 
 
-def _assessed(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> "Assessed":
+def _assessed(name: str, path: Path | None, choice: "Choice", progress: Progress, *, fast: bool) -> "Assessed":
     from heronry_dg.check.assess import Assessed, assess  # noqa: PLC0415
     from heronry_dg.findings import Findings  # noqa: PLC0415
     from heronry_dg.loader import read_file  # noqa: PLC0415
@@ -215,7 +221,24 @@ def _assessed(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> 
     with _defects_of(name):
         if name.endswith(SUFFIXES):
             return _graph_file(data, name)
-        return assess(data, name, checks_of(fast=fast), RULES, choice)
+        progress.begin(f"{name}: reading", 0)
+        return assess(data, name, _in_stages(name, checks_of(fast=fast), progress), RULES, choice, work=progress)
+
+
+def _in_stages(name: str, checks: "Mapping[str, Check]", progress: Progress) -> "dict[str, Check]":
+    """Give the checks of the families of rules, each of which shows at its beginning which stage of the work it is."""
+    from heronry_tools.analysis.check.registry import FAMILIES  # noqa: PLC0415
+
+    titles = {family.prefix: family.title for family in FAMILIES}
+
+    def staged(number: int, prefix: str, check: "Check") -> "Check":
+        def begin(subject: "Subject", findings: "Findings") -> None:
+            progress.begin(f"{name}: stage {number} of {len(checks)}, {titles[prefix]} ({prefix}xx)", 0)
+            check(subject, findings)
+
+        return begin
+
+    return {prefix: staged(number, prefix, check) for number, (prefix, check) in enumerate(checks.items(), 1)}
 
 
 def _graph_file(data: bytes, name: str) -> "Assessed":

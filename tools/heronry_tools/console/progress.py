@@ -31,7 +31,7 @@ class Progress:
             sys.stderr.flush()
 
     def begin(self, what: str, total: int) -> None:
-        """Begin a piece of work of `total` steps."""
+        """Begin a piece of work of `total` steps; 0: it has no steps, and only `what` is shown."""
         self._what, self._done, self._total = what, 0, total
         self._begun_at = time.monotonic()
         self._show()
@@ -62,6 +62,8 @@ def progress_line(what: str, done: int, total: int, spent_s: float) -> str:
     After the first step and before the last, the line also has the time left, estimated from the pace so far.
     spent_s: the time since the work began, in s.
     """
+    if not total:
+        return what
     line = f"{what}: {done} of {total}"
     if not done or done >= total:
         return line

@@ -11,7 +11,8 @@ is found in the graph. A finding names the place in the spec where an engineer w
 If a spec has more sources than identifiers (DG505), nothing is planned, since the priorities of its frames are unknown.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
@@ -20,7 +21,7 @@ from heronry_dg.check.wire import lacks_identifiers
 from heronry_dg.findings import Findings, Place, listed
 from heronry_dg.model import Module, Spec
 from heronry_dg.situation import Situation
-from heronry_dg.why_not import feasible, why_not
+from heronry_dg.why_not import Feasibility, why_not
 from heronry_tools.analysis.check import dependability_rules as rules
 from heronry_tools.analysis.check.beyond_radio import check_beyond_radio
 from heronry_tools.analysis.check.homes import homes
@@ -62,13 +63,15 @@ def _single_faults(subject: Subject, findings: Findings) -> None:
     from heronry_tools.analysis.servable import Planning  # noqa: PLC0415 - loads the solver, which listing the rules does not need
 
     planning = Planning(subject.spec)
+    feasibility = cache(partial(Feasibility, subject.spec))  # by phase
     for loss in lost_plants(planning):
         _tell_plants(subject, findings, loss)
-    for loss in losses(planning):
+    for loss in losses(planning, subject.work):
         for high in (True, False):
             lost = _of_classes(subject.spec, loss.functions, _HIGH if high else _LOW)
             if lost:
-                _tell_loss(subject, findings, loss, lost, high=high)
+                reason = _reason(subject.spec, feasibility, loss, next(iter(lost)))
+                _tell_loss(subject, findings, loss, lost, reason, high=high)
 
 
 def _tell_plants(subject: Subject, findings: Findings, loss: "Loss") -> None:
@@ -97,13 +100,19 @@ def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes:
     return {name: f"'{name}' ({'; '.join(each)})" for name, each in words.items()}
 
 
-def _tell_loss(subject: Subject, findings: Findings, loss: "Loss", lost: Mapping[str, str], *, high: bool) -> None:
+def _reason(spec: Spec, feasibility: Callable[[Phase], Feasibility], loss: "Loss", function: str) -> str:
+    """Say why a function is lost with an element, in the first phase in which it is."""
+    phase = loss.functions[function][0]
+    left = feasibility(phase).in_situation(Situation(frozenset({loss.element}), phase=phase))
+    return f"'{function}': {why_not(left, spec.functions[function])}"
+
+
+def _tell_loss(
+    subject: Subject, findings: Findings, loss: "Loss", lost: Mapping[str, str], reason: str, *, high: bool
+) -> None:
     kind, _, name = loss.element.partition(":")
     sentence = f"the loss of {kind} '{name}' alone costs {listed(lost.values())}"
-    first = next(iter(lost))
-    left = feasible(subject.spec, Situation(frozenset({loss.element}), phase=loss.functions[first][0]))
-    hint = f"'{first}': {why_not(left, subject.spec.functions[first])}"
-    findings.add(_LOST[kind == "module", high], subject.place(_SECTIONS[kind], name), sentence, hint)
+    findings.add(_LOST[kind == "module", high], subject.place(_SECTIONS[kind], name), sentence, reason)
 
 
 def _redundancy(subject: Subject, findings: Findings) -> None:

@@ -12,11 +12,9 @@ from typing import Final
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
-from heronry_dg.situation import Situation, survivors
-from heronry_manager.planner.sweep import what_is_left
 from heronry_pcs.loops import loops
 from heronry_pcs.plan_graph import plan_graph
-from heronry_tools.analysis.check.single_faults import Loss, Lost, device_of, single_elements
+from heronry_tools.analysis.check.single_faults import Choices, Loss, Lost, device_of, single_elements
 from heronry_tools.analysis.check.wanted import phases
 from heronry_tools.analysis.servable import Planning
 
@@ -32,11 +30,12 @@ def lost_plants(planning: Planning) -> Iterator[Loss]:
     if not any(plant.criticality in _CLASSES for plant in spec.plants.values()):
         return
     healthy = {phase: _on_path(spec, planning.healthy(phase).configuration) for phase in phases(spec)}
-    known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}
+    choices = Choices(spec)
+    known: dict[object, Lost] = {choice: {} for choice in choices.of_all}
     lost: dict[str, Lost] = {}
     for element in single_elements(spec):
         down = frozenset({element})
-        left = what_is_left(survivors(spec, Situation(down)))
+        left = choices.without(element)
         if left not in known:
             gone = {
                 phase: on_path - _on_path(spec, planning.contingency(phase, down).configuration)

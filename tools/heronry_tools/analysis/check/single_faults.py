@@ -19,6 +19,7 @@ room says nothing until there is room.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from heronry_dg.check.subject import UNSEEN, Work
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, elements, survivors
 from heronry_manager.planner.sweep import what_is_left
@@ -40,19 +41,54 @@ class Loss:
     functions: Lost
 
 
-def losses(planning: Planning) -> Iterator[Loss]:
-    """Yield a `Loss` for every element with which at least one critical function is lost.
+class Choices:
+    """What single faults leave the planner to choose from, as values that can be compared.
+
+    of_all: the values that stand for all choices, as with everything up.
+    """
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec, healthy = spec, survivors(spec, Situation())
+        self._hosts = {module.name: healthy.hosts(module) for module in spec.modules.values()}
+        self._drivers: dict[str, list[str]] = {}
+        for module in spec.modules.values():
+            if module.device is not None:
+                self._drivers.setdefault(module.device, []).append(module.name)
+        self.of_all: tuple[object, ...] = (what_is_left(healthy), frozenset())
+
+    def without(self, element: str) -> object:
+        """Give the choices without an element; equal values of two elements mean equal choices.
+
+        The loss of a module or device leaves all choices but those of some modules: the value names these modules.
+        """
+        kind, _, name = element.partition(":")
+        if kind not in ("device", "module"):
+            return what_is_left(survivors(self._spec, Situation(frozenset({element}))))
+        gone = [name] if kind == "module" else self._drivers.get(name, ())
+        return frozenset(module for module in gone if self._hosts[module])
+
+
+def losses(planning: Planning, work: Work = UNSEEN) -> Iterator[Loss]:
+    """Yield a `Loss` for every element with which at least one critical function is lost; `work` counts the elements.
 
     A module is left out if the loss of its device loses the same functions in the same phases.
     """
     spec = planning.spec
     critical, crowded = _served(planning)
-    known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}
+    by_phase = bool(crowded) or _differs_by_phase(planning, critical)
+    choices = Choices(spec)
+    known: dict[object, Lost] = {choice: {} for choice in choices.of_all}
     lost: dict[str, Lost] = {}
-    for element in single_elements(spec):
-        left = what_is_left(survivors(spec, Situation(frozenset({element}))))
+    faults = list(single_elements(spec))
+    work.begin("single faults", len(faults))
+    for element in faults:
+        work.step()
+        left = choices.without(element)
         if left not in known:
-            known[left] = _lost(planning, critical, crowded, frozenset({element}))
+            down = frozenset({element})
+            known[left] = (
+                _lost_by_phase(planning, critical, crowded, down) if by_phase else _lost(planning, critical, down)
+            )
         lost[element] = known[left]
         if lost[element] and lost.get(device_of(spec, element)) != lost[element]:
             yield Loss(element, lost[element])
@@ -86,26 +122,34 @@ def _served(planning: Planning) -> tuple[dict[Phase, frozenset[str]], frozenset[
     return served, crowded
 
 
-def _lost(
+def _lost_by_phase(
     planning: Planning, critical: Mapping[Phase, frozenset[str]], crowded: frozenset[Phase], down: frozenset[str]
 ) -> Lost:
+    """Give what `_lost` gives, for a spec with crowded phases or with inputs that only some phases have."""
+    each = {
+        phase: wanted - planning.in_phase(phase).possible(wanted, down)
+        if phase in crowded
+        else _lost_in(planning.in_phase(phase), phase, wanted, down)
+        for phase, wanted in critical.items()
+    }
+    return _in_order(planning.spec, each)
+
+
+def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
     """Give the critical functions that a fault loses, in the spec's order; each with the phases in which it is lost."""
-    if crowded or _differs_by_phase(planning, critical):
-        each = {
-            phase: wanted - planning.in_phase(phase).possible(wanted, down)
-            if phase in crowded
-            else _lost_in(planning.in_phase(phase), phase, wanted, down)
-            for phase, wanted in critical.items()
-        }
-        lost = {name: tuple(phase for phase in critical if name in each[phase]) for name in planning.spec.functions}
-        return {name: at for name, at in lost.items() if at}
     possible = planning.possible(frozenset[str]().union(*critical.values()), down)
     gone = {phase: wanted - possible for phase, wanted in critical.items()}
-    if planning.all_at_once(possible, down).configuration is None:
+    if not planning.can_serve(possible, down):
         for phase, wanted in critical.items():
-            if planning.all_at_once(wanted & possible, down).configuration is None:
+            if not planning.can_serve(wanted & possible, down):
                 gone[phase] = planning.unserved(wanted, phase, down)
-    by_function = {name: tuple(phase for phase in critical if name in gone[phase]) for name in planning.spec.functions}
+    return _in_order(planning.spec, gone)
+
+
+def _in_order(spec: Spec, gone: Mapping[Phase, frozenset[str]]) -> Lost:
+    if not any(gone.values()):
+        return {}
+    by_function = {name: tuple(phase for phase in gone if name in gone[phase]) for name in spec.functions}
     return {name: at for name, at in by_function.items() if at}
 
 
@@ -117,7 +161,7 @@ def _differs_by_phase(planning: Planning, by_phase: Mapping[Phase, frozenset[str
 def _lost_in(planning: Planning, phase: Phase, wanted: frozenset[str], down: frozenset[str]) -> frozenset[str]:
     """Give the functions in `wanted` that are lost in a phase while the elements in `down` are down."""
     possible = planning.possible(wanted, down)
-    fits = planning.all_at_once(possible, down).configuration is not None
+    fits = planning.can_serve(possible, down)
     return wanted - possible if fits else planning.unserved(wanted, phase, down)
 
 
