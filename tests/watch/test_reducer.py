@@ -37,6 +37,7 @@ from heronry_manager.events import (
     PhaseChanged,
     PlanReady,
     PriorityChanged,
+    Resumed,
     Runs,
     ScriptEnded,
     ScriptRefused,
@@ -50,6 +51,8 @@ from heronry_manager.events import (
     UnknownEvent,
 )
 from heronry_manager.events import Outage as OutageEvent
+from heronry_manager.events import Place as BusPlace
+from heronry_manager.events import Status as StatusEvent
 from heronry_manager.events.line import to_line
 from heronry_manager.events.reading import events_in
 from heronry_tools.console.spec_argument import load_spec
@@ -313,3 +316,34 @@ def test_a_pe_that_is_suspected_and_answers_is_not_listed() -> None:
 def test_the_page_tells_of_every_key() -> None:
     page = Path("docs/watch.md").read_text()
     assert [name for name in document(snapshot()) if f"`{name}`" not in page] == []
+
+
+# Damaged recordings
+
+
+def test_names_that_the_spec_does_not_have_are_passed_over() -> None:
+    heard = Heard(99, {"nav": 98, "nap": 97}, {"elevator": (98, True), "elevatro": (97, True)})
+    view = snapshot(*START, heard)
+    assert (view.pes["nav"].last_heard_ns, view.functions["elevator"].heard) == (98, True)
+    assert set(view.pes) == set(load_spec("big_blue").pes)
+
+
+def test_of_a_document_of_another_form_nothing_is_used() -> None:
+    before = snapshot(*START, RUNS)
+    whole = document(before)
+    place = BusPlace("can0", "softbus", "x")
+    for damaged in (
+        StatusEvent(99, {}, None, place, "x"),
+        StatusEvent(99, {"manager": 7}, None, place, "x"),
+        Resumed(99, {}, None),
+        Resumed(99, {**whole, "pes": {}}, None),
+        Resumed(99, {**whole, "modules": {**whole["modules"], "flaps": {}}}, None),
+        Resumed(99, {**whole, "t_ns": "late"}, None),
+    ):
+        view = snapshot(*START, RUNS, damaged)
+        assert (view.pes, view.functions, view.manager) == (before.pes, before.functions, before.manager), damaged
+
+
+def test_a_reconfiguration_without_causes_and_a_strange_share_are_shown() -> None:
+    assert snapshot(*START, replace(RUNS, causes=())).told[-1].sentence.startswith("epoch 1 runs: ")
+    assert snapshot(*START, LinkLimited(99, "radio", "comms", "lots")).buses["radio"].link == "lots"

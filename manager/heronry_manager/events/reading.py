@@ -5,6 +5,7 @@ A recording may be damaged, and may come from a later version. An event of a kin
 """
 
 import json
+import math
 from collections.abc import Iterable, Iterator
 from functools import cache
 
@@ -13,11 +14,15 @@ from pydantic import TypeAdapter, ValidationError
 from heronry_manager.events import KINDS, Event, UnknownEvent
 from heronry_wire.frame import Malformed
 
+_MOST, _MOST_DIGITS = 1 << 63, 20
+
 
 def read_event(line: str | bytes) -> Event | Malformed:
     """Read one line; whatever it holds, nothing is raised."""
     try:
-        found = json.loads(line)
+        found = json.loads(line, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
+    except _NumberError:
+        return Malformed("the line has a number that is too large")
     except (ValueError, RecursionError):
         return Malformed("the line is not JSON")
     if not isinstance(found, dict):
@@ -41,6 +46,25 @@ def events_in(lines: Iterable[str | bytes]) -> Iterator[Event]:
         event = read_event(line)
         if not isinstance(event, Malformed):
             yield event
+
+
+class _NumberError(ValueError):
+    """A number of a line is too large, or none."""
+
+
+def _whole(text: str) -> int:
+    """Read a whole number; raises _NumberError for one that 64 bits do not hold: none of ours is so large."""
+    if len(text) <= _MOST_DIGITS and -_MOST <= int(text) < _MOST:
+        return int(text)
+    raise _NumberError
+
+
+def _finite(text: str) -> float:
+    """Read a number; raises _NumberError for one that is none, or infinite."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise _NumberError
+    return number
 
 
 @cache

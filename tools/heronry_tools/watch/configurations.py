@@ -3,6 +3,7 @@
 These are the functions and modules, the budgets of the PEs, the planned loads of the buses, and the graph.
 """
 
+import re
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
@@ -17,6 +18,7 @@ from heronry_tools.watch.graph_marks import LiveGraphs, is_degraded
 from heronry_tools.watch.snapshot import Budget, Bus, Function, Module, Pe, Place, Plant, Snapshot, Wire
 
 _NOTHING = "nothing runs yet"
+_PERCENT = re.compile(r"(?P<percent>\d{1,3}(\.\d{1,3})?)%", re.ASCII)
 _UNUSED = PeReport(0, 0, 0)
 _UNAVAILABLE = frozenset({"down", "returning"})
 
@@ -179,4 +181,8 @@ def _channels(bus: model.Bus) -> dict[str, tuple[str, ...]]:
 
 
 def _share(link: str | None) -> Fraction:
-    return Fraction(0) if link == "gone" or link is None else Fraction(link.removesuffix("%")) / 100
+    """Read the usable share of a radio's bandwidth; a text that is none, of a damaged recording, limits nothing."""
+    if link == "gone" or link is None:
+        return Fraction(0)
+    percent = _PERCENT.fullmatch(link)
+    return Fraction(1) if percent is None else min(Fraction(1), Fraction(percent["percent"]) / 100)

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, TypeVar
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from heronry_dg.model import Spec
 from heronry_manager import events
@@ -202,9 +202,10 @@ def _feed(_: Spec, state: State, event: events.Feed) -> State:
 
 
 def _status(spec: Spec, state: State, event: events.Status) -> State:
-    running = RunningPlan.of(spec, event.plan)
-    state = replace(state, running=running, planned=NOTHING_RUNS, prepared={})
-    return replace(state, snapshot=from_status(state.snapshot, event))
+    snapshot = from_status(state.snapshot, event)
+    if snapshot is None:
+        return state
+    return State(snapshot, RunningPlan.of(spec, event.plan))
 
 
 @cache
@@ -219,9 +220,17 @@ def _reader() -> TypeAdapter[Snapshot]:
 def _resumed(spec: Spec, state: State, event: events.Resumed) -> State:
     """Continue from the snapshot in a `resumed` event.
 
-    If all earlier events have been read, too, this is the snapshot that `state` already has.
+    If all earlier events have been read, too, this is the snapshot that `state` already has. A snapshot of another
+    form, or with the elements of another spec, is damaged, and the state stays as it is.
     """
-    view = _reader().validate_python(event.snapshot)
+    try:
+        view = _reader().validate_python(event.snapshot)
+    except ValidationError:
+        return state
+    told = (view.pes, view.buses, view.functions, view.modules)
+    known = (spec.pes, spec.buses, spec.functions, spec.modules)
+    if any(these.keys() != those.keys() for these, those in zip(told, known, strict=True)):
+        return state
     return replace(state, snapshot=view, running=RunningPlan.of(spec, event.plan))
 
 
@@ -249,9 +258,11 @@ def _bus_seen(_: Spec, state: State, event: events.BusSeen) -> State:
 def _heard(_: Spec, state: State, event: events.Heard) -> State:
     pes, functions = dict(state.snapshot.pes), dict(state.snapshot.functions)
     for name, t_ns in event.pes.items():
-        pes[name] = replace(pes[name], last_heard_ns=t_ns)
+        if name in pes:
+            pes[name] = replace(pes[name], last_heard_ns=t_ns)
     for name, (t_ns, is_heard) in event.functions.items():
-        functions[name] = replace(functions[name], heard=is_heard, heard_ns=t_ns)
+        if name in functions:
+            functions[name] = replace(functions[name], heard=is_heard, heard_ns=t_ns)
     return _with(state, pes=pes, functions=functions)
 
 

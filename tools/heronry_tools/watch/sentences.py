@@ -48,7 +48,8 @@ def _epoch_seen(event: events.EpochSeen) -> str:
 
 def _runs(epoch: int, causes: Sequence[str], times_ns: events.Times) -> str:
     more = f", and {len(causes) - 1} more" if len(causes) > 1 else ""
-    return f"epoch {epoch} runs, because of {causes[0]}{more}: {_milliseconds(times_ns)}"
+    why = f", because of {causes[0]}{more}" if causes else ""
+    return f"epoch {epoch} runs{why}: {_milliseconds(times_ns)}"
 
 
 def _planned(event: events.PlanReady) -> str:

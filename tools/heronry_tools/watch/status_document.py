@@ -1,61 +1,152 @@
-"""Fills a snapshot with the content of a manager's status (`heronry_manager.core.reports.status`)."""
+"""Fills a snapshot with the content of a manager's status (`heronry_manager.core.reports.status`).
+
+A status may come from a recording, which may be damaged. So its form is checked before it is used; of a status of
+another form nothing is used.
+"""
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cache
+
+from pydantic import TypeAdapter, ValidationError
 
 from heronry_manager.events import Status as StatusEvent
-from heronry_tools.watch.snapshot import Bus, Fault, Manager, Module, Pe, Script, Snapshot
+from heronry_tools.watch.snapshot import Bus, Fault, Manager, Module, Pe, Script, Snapshot, Stage, Standing
 
-_STAGES: Mapping[str | None, Any] = {None: "starting", "done": "running"}
+_STAGES: Mapping[str | None, Stage] = {None: "starting", "done": "running"}
 
 
-def from_status(snapshot: Snapshot, event: StatusEvent) -> Snapshot:
-    """Return the snapshot with the content of a `status` event; facts that only other events give stay unchanged."""
-    status, t_ns = event.status, event.t_ns
-    manager = status["manager"]
-    keys = ("node", "term", "state", "advises", "key", "journal")
+@dataclass(frozen=True, slots=True)
+class _Manager:
+    node: int
+    term: int
+    state: str
+    advises: bool
+    planning: bool
+    key: str | None
+    journal: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Standstills:
+    long_times: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Pe:
+    state: Standing
+    why: str | None
+    epoch: int | None
+    runs: str
+    standstills: _Standstills | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Priority:
+    priority: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Latched:
+    element: str
+    by: str
+    code: str
+    detail: int
+    for_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Failure:
+    element: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    state: str
+    limit: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Script:
+    state: str
+    why: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Status:
+    """What is used of a status."""
+
+    manager: _Manager
+    phase: str | None
+    epoch: int | None
+    next: int | None
+    unknown_epoch: int | None
+    stage: str | None
+    priorities: dict[str, _Priority]
+    latched: list[_Latched]
+    script: _Script
+    pes: dict[str, _Pe]
+    links: dict[str, _Link]
+    channels: dict[str, list[str]]
+    failures: list[_Failure]
+
+
+@cache
+def _form() -> TypeAdapter[_Status]:
+    """Make what checks the form of a status; that is slow, so it is done once, and only if there is a status."""
+    return TypeAdapter(_Status)
+
+
+def from_status(snapshot: Snapshot, event: StatusEvent) -> Snapshot | None:
+    """Return the snapshot with the content of a `status` event; facts that only other events give stay unchanged.
+
+    Returns None if the status is of another form.
+    """
+    try:
+        status = _form().validate_python(event.status)
+    except ValidationError:
+        return None
+    t_ns, manager = event.t_ns, status.manager
     return replace(
         snapshot,
-        manager=Manager(**{key: manager[key] for key in keys}),
-        phase=status["phase"],
-        epoch=status["epoch"],
-        next_epoch=status["next"],
-        unknown_epoch=status["unknown_epoch"],
-        stage="planning" if manager["planning"] else _STAGES.get(status["stage"], "activating"),
-        priorities={name: one["priority"] for name, one in status["priorities"].items()},
-        faults=tuple(
-            Fault(one["element"], one["by"], one["code"], one["detail"], t_ns - one["for_ns"])
-            for one in status["latched"]
-        ),
-        script=Script(**status["script"]),
-        pes={name: _pe(pe, status["pes"][name]) for name, pe in snapshot.pes.items()},
+        manager=Manager(manager.node, manager.term, manager.state, manager.advises, manager.key, manager.journal),
+        phase=status.phase,
+        epoch=status.epoch,
+        next_epoch=status.next,
+        unknown_epoch=status.unknown_epoch,
+        stage="planning" if manager.planning else _STAGES.get(status.stage, "activating"),
+        priorities={name: one.priority for name, one in status.priorities.items()},
+        faults=tuple(Fault(one.element, one.by, one.code, one.detail, t_ns - one.for_ns) for one in status.latched),
+        script=Script(status.script.state, status.script.why),
+        pes={name: _pe(pe, status.pes.get(name)) for name, pe in snapshot.pes.items()},
         buses={name: _bus(name, bus, status) for name, bus in snapshot.buses.items()},
-        modules=_modules(snapshot.modules, status["failures"]),
+        modules=_modules(snapshot.modules, status.failures),
     )
 
 
-def _pe(before: Pe, told: Mapping[str, Any]) -> Pe:
-    standstills = told["standstills"]
+def _pe(before: Pe, told: _Pe | None) -> Pe:
+    if told is None:
+        return before
     return replace(
         before,
-        standing=told["state"],
-        why=told["why"],
-        epoch=told["epoch"],
-        runs=told["runs"],
-        stood_still=before.stood_still if standstills is None else standstills["long_times"],
+        standing=told.state,
+        why=told.why,
+        epoch=told.epoch,
+        runs=told.runs,
+        stood_still=before.stood_still if told.standstills is None else told.standstills.long_times,
     )
 
 
-def _bus(name: str, before: Bus, status: Mapping[str, Any]) -> Bus:
-    link = status["links"].get(name)
+def _bus(name: str, before: Bus, status: _Status) -> Bus:
+    link = status.links.get(name)
     share = None
     if link is not None:
-        share = "gone" if link["state"] == "gone" else None if link["limit"] >= 1000 else f"{link['limit'] / 10:g}%"
-    channels = {channel: tuple(status["channels"].get(channel, ())) for channel in before.channels}
+        share = "gone" if link.state == "gone" else None if link.limit >= 1000 else f"{link.limit / 10:g}%"
+    channels = {channel: tuple(status.channels.get(channel, ())) for channel in before.channels}
     return replace(before, link=share, channels=channels)
 
 
-def _modules(before: Mapping[str, Module], failures: list[Mapping[str, Any]]) -> dict[str, Module]:
-    texts = {one["element"].partition(":")[2]: one["text"] for one in failures}
+def _modules(before: Mapping[str, Module], failures: list[_Failure]) -> dict[str, Module]:
+    texts = {one.element.partition(":")[2]: one.text for one in failures}
     return {name: replace(module, failure=texts.get(name, module.failure)) for name, module in before.items()}

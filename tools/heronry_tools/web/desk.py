@@ -29,7 +29,7 @@ from typing import Any, BinaryIO, Final
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.objective import score
-from heronry_dg.plan import Plan, configuration_of, make_plan
+from heronry_dg.plan import Plan, check_names, configuration_of, make_plan
 from heronry_dg.situation import Situation, checked_function, situation
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import plan
@@ -79,6 +79,7 @@ class Desk:
         """
         spec, now = self._spec, self._situation(question)
         running = configuration_of({"modules": modules})
+        check_names(spec, running)
         ordered = target_in(text, spec, now, running)
         if ordered.target is None:
             return {"refused": f"the script would be refused: {ordered.problem}"}

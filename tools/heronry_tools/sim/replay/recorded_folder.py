@@ -40,7 +40,9 @@ def head_of(folder: Path) -> dict[str, Any]:
     try:
         head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
         version = head["v"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        if version == FORMAT:
+            _expect_fields(head)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         why = f"it has no {error}" if isinstance(error, KeyError) else error
         raise UserError(
             f"{folder / HEAD} cannot be read ({why}): name a log file in the folder, and the spec of that log"
@@ -51,6 +53,15 @@ def head_of(folder: Path) -> dict[str, Any]:
             "that has recorded the flight"
         )
     return dict(head)
+
+
+def _expect_fields(head: dict[str, Any]) -> None:
+    """Raise KeyError or TypeError if the fields that are used are missing, or are of another kind."""
+    texts = [head[key] for key in ("spec", "spec_digest", "spec_file")]
+    if not all(isinstance(one, str) for one in texts) or type(head["date_offset_ns"]) is not int:
+        raise TypeError("a field is of another kind")
+    if any("\0" in one.encode().decode() for one in texts):  # encode() refuses halves of surrogate pairs
+        raise ValueError("a name in it is no name of a file")
 
 
 def spec_of(folder: Path, text: str | None = None) -> Spec:
