@@ -280,6 +280,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "table": ["table", "nosuch", "nav"],
     "send-table": ["send-table", "nosuch", "nav"],
     "doctor": ["doctor", "nosuch"],
+    "preflight": ["preflight", "nosuch"],
     "manager": ["manager", "nosuch", "-i", "virtual"],
     "demo": ["demo", "nosuch"],
     "module": ["module", "try", "nosuch:Speed"],

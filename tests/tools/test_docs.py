@@ -143,6 +143,7 @@ RULES = [
     Rule(r"pytest tests/.*", How.EXEMPT, "make test runs it"),
     Rule(r"python -m lab\.benches\.component_graphs.*", How.RUN, more="--runs 1", is_long=True),
     Rule(r"python -m lab\.benches\.takeover.*", How.RUN, more="--seeds 1 --kills 0"),
+    Rule(r"heronry preflight\b.*", How.EXEMPT, "tests/live/test_preflight.py runs it beside a flight"),
     Rule(
         r"heronry (status|phase|priority|fail|clear|unlock|traceback)\b.*",
         How.EXEMPT,

@@ -1,6 +1,7 @@
 """`heronry doctor`: what it finds right, what it finds wrong, and the remedies that it gives."""
 
 import json
+import os
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -14,20 +15,22 @@ from heronry_dg.loader import load
 from heronry_dg.model import Foreign
 from heronry_tools.cli import main
 from heronry_tools.commands.doctor import _listen
+from heronry_tools.reports.findings import Finding
 from heronry_tools.runtime import wake_ups
 from heronry_tools.runtime.doctor import computer
-from heronry_tools.runtime.doctor.computer import assess_computer, assess_wake_ups
-from heronry_tools.runtime.doctor.finding import Finding
+from heronry_tools.runtime.doctor.asking import ToldTable, assess_tables
+from heronry_tools.runtime.doctor.computer import assess_computer, assess_date, assess_disk, assess_wake_ups
+from heronry_tools.runtime.doctor.expected import Expected, expected_by_spec
 from heronry_tools.runtime.doctor.interface import assess_interface
 from heronry_tools.runtime.doctor.listening import (
     CLOCK_STEP_NS,
     BusNamed,
-    Expected,
     Hearing,
+    assess_beats,
     assess_channels,
-    assess_digests,
     assess_foreign,
     assess_hearing,
+    assess_load,
 )
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
@@ -37,6 +40,7 @@ from heronry_wire.controller import ControllerState
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
 from heronry_wire.management import Lease, Step
+from heronry_wire.protocol_version import PROTOCOL, Version
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from lab.peers import command_frame
 from wire.test_socketcand import Server
@@ -145,7 +149,7 @@ def lease(manager: int, term: int = 1) -> Frame:
 def heard(*frames: Frame) -> Hearing:
     hearing = Hearing()
     for frame in frames:
-        hearing.take(frame)
+        hearing.take(frame, 0)
     return hearing
 
 
@@ -194,13 +198,62 @@ def test_a_clock_that_is_set_is_found_and_one_that_drifts_is_not() -> None:
 
 
 def test_tables_of_two_specs_are_found_and_so_is_a_pe_that_does_not_answer() -> None:
-    mine, other = SPEC.digest, "cd" * 32
-    assert wrong(assess_digests({92: mine, 93: mine}, SPEC)) == {}
-    assert wrong(assess_digests({92: other, 93: other}, None)) == {}
-    assert wrong(assess_digests({}, SPEC)) == {}
-    assert list(wrong(assess_digests({92: mine, 93: other}, None))) == ["tables"]
-    assert list(wrong(assess_digests({92: other}, SPEC))) == ["tables"]
-    assert list(wrong(assess_digests({92: None}, SPEC))) == ["tables"]
+    mine, other = ToldTable(SPEC.digest), ToldTable("cd" * 32)
+    assert wrong(assess_tables({92: mine, 93: mine}, SPEC)) == {}
+    assert wrong(assess_tables({92: other, 93: other}, None)) == {}
+    assert wrong(assess_tables({}, SPEC)) == {}
+    assert list(wrong(assess_tables({92: mine, 93: other}, None))) == ["tables"]
+    (found,) = (one for one in assess_tables({92: other}, SPEC) if not one.is_right)
+    assert found.says == "nose (92) has a table of another spec than small"
+    assert list(wrong(assess_tables({92: None}, SPEC))) == ["tables"]
+    assert list(wrong(assess_tables(None, SPEC))) == ["tables"]
+
+
+def test_a_pe_of_another_protocol_is_named_for_that_and_not_for_its_digest() -> None:
+    later = ToldTable("cd" * 32, Version(PROTOCOL.major + 1, 0))
+    (found,) = (one for one in assess_tables({92: later, 93: ToldTable(SPEC.digest)}, SPEC) if not one.is_right)
+    assert (found.check, found.says) == ("protocol", "nose (92) speaks protocol 2.0, and this computer 1.0")
+    minor = ToldTable(SPEC.digest, Version(PROTOCOL.major, PROTOCOL.minor + 1))
+    assert wrong(assess_tables({92: minor}, SPEC)) == {}
+
+
+def test_pes_beyond_a_gateway_are_expected_and_only_not_asked() -> None:
+    spec = load(Path("dg_specs/big_blue.dg.yaml"))
+    can0, radio = expected_by_spec(spec, "can0"), expected_by_spec(spec, "radio")
+    assert can0.pes == {pe.node_id: pe.name for pe in spec.pes.values()}
+    assert can0.asked == can0.pes.keys() - {100}
+    assert (can0.periods_ns[92], can0.periods_ns[100]) == (20_000_000, 200_000_000)
+    assert radio.asked == {100}
+    everybody = heard(lease(126), *(state(node) for node in can0.pes))
+    assert "nodes" not in wrong(assess_hearing(everybody, can0, 3))
+    grounded = heard(lease(126), *(state(node) for node in can0.pes if node != 100))
+    found = [one.says for one in assess_hearing(grounded, can0, 3) if one.check == "nodes"]
+    assert found == ["not heard: ground (100)"]
+
+
+def test_states_that_come_late_are_told_with_their_pe() -> None:
+    expected = replace(SPEC, periods_ns={92: 20_000_000, 93: 200_000_000})
+    hearing = Hearing()
+    for t_ms in (0, 20, 40, 81, 100):
+        hearing.take(state(92), t_ms * 1_000_000)
+    hearing.take(state(93), 0)
+    hearing.take(state(93), 390_000_000)
+    (late,) = assess_beats(hearing, expected)
+    assert late.says == "nose was silent for 41 ms, and sends its state every 20 ms"
+    assert not late.is_right
+    (right,) = assess_beats(hearing, replace(expected, periods_ns={92: 40_000_000, 93: 200_000_000}))
+    assert right.is_right
+    assert right.says.endswith("the longest silence was 390 ms of 200 ms")
+
+
+def test_a_bus_with_more_frames_than_the_spec_allows_is_overloaded() -> None:
+    hearing = heard(*[Frame(2000, bytes(8))] * 1000)  # of 135 bits each
+    (load_,) = assess_load(hearing, replace(SPEC, most_load=0.8), 1.0)
+    assert load_.is_right
+    assert load_.says == "13.5% of the bit rate are used, and 80% may be"
+    (over,) = assess_load(hearing, replace(SPEC, most_load=0.8), 0.1)
+    assert not over.is_right
+    assert not list(assess_load(hearing, SPEC, 1.0)), "a table does not tell how much may be used"
 
 
 # The computer, and the command
@@ -211,6 +264,27 @@ def test_a_kernel_without_can_and_a_package_that_is_missing_are_found(monkeypatc
     monkeypatch.setattr(computer, "knows_can", lambda: False)
     monkeypatch.setattr(computer, "_NEEDED", ("heronry", "no-such-package"))
     assert wrong(assess_computer(needs_can=True)).keys() == {"versions", "kernel"}
+
+
+def test_a_date_before_files_that_are_here_is_wrong(tmp_path: Path) -> None:
+    file, written_s = tmp_path / "spec", 1_700_000_000.0
+    file.touch()
+    os.utime(file, (written_s, written_s))
+    assert assess_date(written_s, [file, tmp_path / "none"]).is_right
+    wrong_date = assess_date(1e6, [file])
+    assert wrong_date.says.startswith("it is 1970-01-12")
+    assert not wrong_date.is_right
+
+
+def test_a_disk_that_is_full_or_read_only_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "MB left" in assess_disk(tmp_path).says
+    assert not assess_disk(tmp_path / "none").is_right
+    real = list(os.statvfs(tmp_path))
+    for flags, blocks, says in ((os.ST_RDONLY, 10**9, "read-only"), (0, 100, " MB left")):
+        told = os.statvfs_result((4096, 4096, *real[2:4], blocks, *real[5:8], flags, real[9]))
+        monkeypatch.setattr(os, "statvfs", lambda _, told=told: told)
+        assert says in assess_disk(tmp_path).says
+        assert not assess_disk(tmp_path).is_right
 
 
 @pytest.fixture
@@ -332,7 +406,7 @@ DECLARED = (
 def foreign_findings(*frames: Frame, foreign: tuple[Foreign, ...] = DECLARED) -> list[Finding]:
     hearing = Hearing()
     for frame in frames:
-        hearing.take(frame)
+        hearing.take(frame, 0)
     expected = replace(SPEC, own=frozenset({257, 315}), foreign=foreign)
     return list(assess_foreign(hearing, expected, 1.0))
 
@@ -369,5 +443,5 @@ def test_each_sender_that_is_not_declared_is_named_with_its_load_and_its_entry()
 
 def test_without_a_spec_nothing_is_known_to_be_foreign() -> None:
     hearing = Hearing()
-    hearing.take(Frame(1793, b""))
+    hearing.take(Frame(1793, b""), 0)
     assert not list(assess_foreign(hearing, SPEC, 1.0))

@@ -67,6 +67,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("key", "make the key that proves the frames of manager and PEs"),
         Command("softbus", "a CAN bus in software, where the kernel has no vcan"),
         Command("doctor", "is this computer fit to fly, and what to type if not"),
+        Command("preflight", "GO or NO GO: all that must hold before take-off"),
     ),
     "fly": (
         Command("manager", "run the system manager on a bus"),

@@ -308,7 +308,7 @@ class ManagerCore:
 
     def status(self) -> dict[str, Any]:
         """Give what the manager knows as plain data, in the form that the module `status` describes."""
-        key, known = self._settings.key, self._known
+        key, known, numbers = self._settings.key, self._known, self._settings.on_board
         manager = {
             "node": self._settings.node,
             "term": self._turn.term,
@@ -318,6 +318,8 @@ class ManagerCore:
             "journal": self._journal_problem,
             "key": None if key is None else key.fingerprint,
             "standstills": self._details.own_standstills(),
+            "heartbeat_ns": self.heartbeat_ns,
+            "contingencies": None if numbers is None else numbers.status(),
         }
         return status(
             self._settings.spec,

@@ -26,6 +26,7 @@ from dataclasses import replace
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
 from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import (
@@ -165,11 +166,16 @@ class ManagerDriver:
         plan = self._core.plan
         return events.Status(
             self._now_ns(),
-            status={**self._core.status(), **self._plants.status(plan)},
+            status={**self._core.status(), **self._beside(plan)},
             plan=None if plan is None else plan.told(),
             bus=self._place,
             file=self._file,
         )
+
+    def _beside(self, plan: Plan | None) -> dict[str, Any]:
+        """Give the keys of the status that the core does not know; `plan`: the one that runs."""
+        journal = None if self._journal is None else str(self._journal.file.absolute())
+        return {"files": {"spec": self._file, "journal": journal}, **self._plants.status(plan)}
 
     def _look_after_journal(self) -> None:
         """Sync the journal to the disk if no frame waits to be sent; report journal problems to the core.
@@ -292,5 +298,5 @@ class ManagerDriver:
 
     def _answer(self, reply: Reply) -> None:
         if reply.status is not None:
-            reply = replace(reply, status={**reply.status, **self._plants.status(self._core.plan)})
+            reply = replace(reply, status={**reply.status, **self._beside(self._core.plan)})
         self._control.answer(reply)

@@ -4,11 +4,10 @@ Exit codes: 0 everything is right, 1 something is not, 2 the command line cannot
 """
 
 import argparse
-import json
 import select
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,16 +15,13 @@ from heronry_tools.console.output import add_output
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
 
 if TYPE_CHECKING:
-    from heronry_tools.runtime.doctor.finding import Finding
-    from heronry_tools.runtime.doctor.listening import Expected, Hearing
-    from heronry_wire.bare_can import can
+    from heronry_tools.reports.findings import Finding
+    from heronry_tools.runtime.doctor.expected import Expected
+    from heronry_tools.runtime.doctor.listening import Hearing
     from heronry_wire.bus_opening import Opened
 
-_ANSWER_WITHIN_S = 1.0
 _PAUSE_S = 0.5
 _REHEARSAL_S = 1.0  # length of the rehearsal of one node, which measures how late the node wakes
-_DIGEST_SUB = 3  # sub-index of the digest in the CANopen object SPEC
-_INSTALL_CANOPEN = 'pip install "heronry[doctor]"'
 _EPILOG = """\
 examples:
   heronry doctor -i socketcan -c can0                      the interface, and what is heard on it
@@ -64,30 +60,27 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything and report; returns 0, or 1 where a finding is not right."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
+    from heronry_tools.reports.findings import all_right, as_json, as_text  # noqa: PLC0415
 
     if not 0 < arguments.seconds <= 600:
         raise UserError(f"--seconds {arguments.seconds:g}: listen for more than 0 and up to 600 s")
     until_s = time.monotonic() + arguments.wait
     findings = list(_findings(arguments))
-    while not (is_fit := all(finding.is_right for finding in findings)) and time.monotonic() < until_s:
+    while not all_right(findings) and time.monotonic() < until_s:
         time.sleep(_PAUSE_S)
         findings = list(_findings(arguments))
-    if arguments.json:
-        told = [{"check": f.check, "ok": f.is_right, "says": f.says, "type": f.remedy} for f in findings]
-        print(json.dumps({"v": 1, "ok": is_fit, "findings": told}, indent=2))
-    else:
-        print("\n".join(_report(findings)))
-    return 0 if is_fit else 1
+    print(as_json(findings) if arguments.json else "\n".join(as_text(findings, "this node is fit")))
+    return 0 if all_right(findings) else 1
 
 
 def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
+    from heronry_tools.reports.findings import Finding  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.asking import ask_tables, assess_tables  # noqa: PLC0415
     from heronry_tools.runtime.doctor.computer import assess_computer, assess_wake_ups, knows_can  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.finding import Finding  # noqa: PLC0415
     from heronry_tools.runtime.doctor.interface import assess_interface  # noqa: PLC0415
     from heronry_tools.runtime.doctor.listening import (  # noqa: PLC0415
         BusNamed,
         assess_channels,
-        assess_digests,
         assess_hearing,
     )
     from heronry_tools.runtime.wake_ups import latest_wake_up_ns  # noqa: PLC0415
@@ -126,50 +119,24 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
         if not buses:
             return
         heard = _listen(buses, arguments.seconds, None if expected is None else expected.heartbeat_ns)
-        digests = _digests(next(iter(buses.values())).bus, sorted(heard.incarnations))
+        asked = set(heard.incarnations)
+        if expected is not None and expected.asked is not None:
+            asked &= expected.asked
+        answers = ask_tables(next(iter(buses.values())).bus, asked)
     yield from assess_hearing(heard, expected, arguments.seconds, bus)
     if len(buses) > 1:
         yield assess_channels(heard, expected)
-    if digests is None:
-        yield Finding("tables", "the specs of the PEs are unknown: canopen is not installed", _INSTALL_CANOPEN)
-    else:
-        yield from assess_digests(digests, expected)
+    yield from assess_tables(answers, expected)
 
 
 def _expected(text: str) -> "Expected":
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.listening import Expected  # noqa: PLC0415
-    from heronry_wire.pe_table import PeTable  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.expected import expected_by_spec, expected_by_table  # noqa: PLC0415
 
     if text.endswith(".table"):
-        table = PeTable.from_json(Path(text).read_text(encoding="utf-8"))
-        port = table.ports[table.uplink]
-        return Expected(
-            table.spec,
-            table.spec_digest,
-            port.bitrate,
-            {n: f"node {n}" for n in (*port.nodes, table.node_id)},
-            port.channels,
-            port.heartbeat_ns,
-            port.wireless,
-        )
-    from heronry_dg.check.wire import lacks_identifiers  # noqa: PLC0415 - a small install lacks pydantic
-    from heronry_dg.own_identifiers import own_identifiers  # noqa: PLC0415
-
+        return expected_by_table(Path(text))
     spec = load_spec(text)
-    bus = spec.buses[spec.manager.bus]
-    pes = {pe.node_id: pe.name for pe in spec.pes.values() if bus.name in pe.buses}
-    own = None if lacks_identifiers(spec) else frozenset(own_identifiers(spec)[bus.name])
-    return Expected(
-        spec.name,
-        spec.digest,
-        bus.bitrate,
-        pes,
-        bus.channels,
-        bus.heartbeat_ns,
-        own=own,
-        foreign=bus.foreign,
-    )
+    return expected_by_spec(spec, spec.manager.bus)
 
 
 def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
@@ -198,41 +165,7 @@ def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None
             is_quiet = False
             frame = frame_of(message)
             heard.take_copy(name, frame)
-            if len(buses) == 1 or frame.error or merge.take(number, frame, times[name].arrived_ns(message)):
-                heard.take(frame)
+            arrived_ns = times[name].arrived_ns(message)
+            if len(buses) == 1 or frame.error or merge.take(number, frame, arrived_ns):
+                heard.take(frame, arrived_ns)
     return heard
-
-
-def _digests(bus: "can.BusABC", nodes: list[int]) -> dict[int, str | None] | None:
-    """Read from each PE the digest of its table's spec. If any PE is asked, the bus is closed afterwards.
-
-    Returns the digest of each node-ID; the digest is None if the node does not answer. If `nodes` is not empty and
-    canopen, an optional package, is not installed, returns None instead of a mapping.
-    """
-    if not nodes:
-        return {}
-    try:
-        import canopen  # noqa: PLC0415 - slow to import
-        from canopen.sdo.exceptions import SdoError  # noqa: PLC0415
-    except ModuleNotFoundError:
-        return None
-    from heronry_wire.canopen_objects import SPEC  # noqa: PLC0415
-
-    told: dict[int, str | None] = dict.fromkeys(nodes)
-    with canopen.Network(bus) as network:
-        network.connect()
-        for node in nodes:
-            sdo: Any = network.add_node(node, canopen.ObjectDictionary()).sdo  # type: ignore[no-untyped-call]
-            sdo.RESPONSE_TIMEOUT = _ANSWER_WITHIN_S
-            with suppress(SdoError):
-                told[node] = sdo.upload(SPEC, _DIGEST_SUB).decode()
-    return told
-
-
-def _report(findings: list["Finding"]) -> Iterator[str]:
-    for finding in findings:
-        yield f"{'ok ' if finding.is_right else 'NOT'} {finding.check:<10} {finding.says}"
-        if finding.remedy is not None:
-            yield f"    {'':<10} type: {finding.remedy}"
-    wrong = sum(not finding.is_right for finding in findings)
-    yield "this node is fit" if not wrong else f"{wrong} of {len(findings)} things are not right"

@@ -11,6 +11,7 @@ _STATUS_EPILOG = """\
 examples:
   heronry status                       status of the system, from the one manager that runs here
   heronry status --json | jq .phase
+  heronry status --exit-code && heronry phase landing      ends with 1 unless all is served, and nothing has failed
   heronry status --of big_blue         where several managers run
 """
 _PHASE_EPILOG = """\
@@ -50,6 +51,9 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parsers of all commands that give an order to a manager."""
     status = _parser(subparsers, "status", "show the status of the system, as the manager knows it", _STATUS_EPILOG)
     add_output(status, "print the whole status as one JSON object")
+    status.add_argument(
+        "--exit-code", action="store_true", help="end with 1 if anything is down, has failed or is not served"
+    )
     phase = _parser(subparsers, "phase", "enter another mission phase", _PHASE_EPILOG)
     phase.add_argument("what", metavar="NAME", help="a phase of the spec")
     add_json(phase)
@@ -107,12 +111,13 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from heronry_manager.shell.control_client import call  # noqa: PLC0415 - keeps `heronry plan` quick
     from heronry_tools.reports.status import report  # noqa: PLC0415
+    from heronry_tools.reports.troubles import troubles  # noqa: PLC0415
 
     path = manager_socket(arguments)
     if arguments.order == "status":
         status = call(path, AskStatus()).status or {}
         print(json.dumps(status, indent=2) if arguments.json else "\n".join(report(status)))
-        return 0
+        return 1 if arguments.exit_code and any(troubles(status)) else 0
     orders: dict[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | AskTraceback]] = {
         "phase": EnterPhase,
         "fail": FailElement,

@@ -3,21 +3,10 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from heronry_dg.situation import module_of
 from heronry_manager.core.mastership.claim import Mastership
-from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CODE
-from heronry_wire.management import FaultCode
+from heronry_tools.reports.troubles import element_troubles, table_troubles
 
 _NS_PER_S = 1_000_000_000
-
-_FAULTS = {  # in words, by the name of the code
-    FaultCode.MODULE_EXCEPTION.name: "its code raised an exception",
-    FaultCode.MODULE_OVERRUN.name: "it does not end in its time",
-    FaultCode.REPORTED.name: "a module there reports that it has failed",
-    FaultCode.PARTITION_ENDED.name: "its process ended",
-    FaultCode.MODULE_MISSING.name: "its code cannot be run there",
-    HELD_CODE: "another manager announces it",
-}
 
 
 def report(status: Mapping[str, Any]) -> Iterator[str]:
@@ -53,46 +42,9 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     own = _standstills(status["manager"]["standstills"])
     if own:
         yield f"! the computer of this manager{own}"
-    reasons = {(failure["element"], failure["by"]): failure for failure in status["failures"]}
-    for fault in status["latched"]:
-        reason = reasons.pop((module_of(fault["element"]), fault["by"]), None)
-        yield _latched(fault, None if reason is None else reason["text"])
-    for failure in reasons.values():
-        ago = failure["for_ns"] // _NS_PER_S
-        yield f"! {failure['element']} failed on {failure['by']}, {ago} s ago: {failure['text']}"
-    for bus, link in status["links"].items():
-        if link["state"] == "gone":
-            yield f"! bus:{bus} is gone: no frame comes from beyond it"
-        elif link["limit"] < 1000:
-            yield f"! bus:{bus} has {link['limit'] / 10:g} % of its bandwidth; {link['delivered']} % of frames arrive"
-    for channel, lacking in status["channels"].items():
-        if lacking:
-            yield f"! channel:{channel} carries nothing, as {', '.join(lacking)} report; the other channel works"
-    for pe, why in status["other_tables"].items():
-        yield f"! {pe} stages nothing: {why}"
-    yield from _told_without_a_fault(status)
-    for phase in status["unwatched"]:
-        yield f"! no running module gives the variable that requests phase {phase}"
-
-
-def _latched(fault: Mapping[str, Any], reason: str | None) -> str:
-    """Write a latched fault.
-
-    reason: why the module failed, as its PE gives it; None: no reason is known.
-    """
-    ago = f"{fault['for_ns'] // _NS_PER_S} s ago"
-    if fault["code"] == OPERATOR_CODE:
-        return f"! {fault['element']} counts as failed, reported by {fault['by']} ({ago})"
-    what = _FAULTS.get(fault["code"], fault["code"])
-    detail = f", detail {fault['detail']}" if fault["detail"] else ""
-    why = "" if reason is None else f": {reason}"
-    return f"! {fault['element']} counts as failed, reported by {fault['by']}, {ago}: {what}{detail}{why}"
-
-
-def _told_without_a_fault(status: Mapping[str, Any]) -> Iterator[str]:
+    for trouble in (*table_troubles(status), *element_troubles(status)):
+        yield f"! {trouble.says}"
     words = {"operator": "the operator", "module": "a module"}
-    for told in status["disagreements"]:
-        yield f"! two inputs of module:{told['module']} disagree, reported by {told['by']} (detail {told['detail']})"
     for name, changed in status["priorities"].items():
         yield f"! {name} has priority {changed['priority']}, set by {words[changed['by']]}"
 

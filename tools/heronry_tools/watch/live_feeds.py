@@ -9,6 +9,7 @@ meanwhile `trouble` says that the manager is gone.
 """
 
 import json
+import socket
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -112,10 +113,8 @@ class FollowedManager:
         self.trouble: str | None = None
         self.frames: list[LoggedFrame] = []
         self._line = follow(path)
-        self._line.settimeout(_FIRST_LINE_S)
-        self._rest = b""
         try:
-            first = self._first()
+            first, self._rest = _first_of(self._line, path)
             self.spec = _spec_of(first)
         except BaseException:
             self._line.close()
@@ -148,26 +147,6 @@ class FollowedManager:
         self._line.close()
         if self._buses is not None:
             self._buses.close()
-
-    def _first(self) -> Status:
-        while b"\n" not in self._rest:
-            try:
-                chunk = self._line.recv(1 << 16)
-            except OSError:
-                chunk = b""
-            if not chunk:
-                raise ControlError(
-                    f"the manager on {self._path} gives no status: restart the manager with this version of heronry"
-                )
-            self._rest += chunk
-        line, _, self._rest = self._rest.partition(b"\n")
-        first = read_event(line)
-        if not isinstance(first, Status):
-            raise ControlError(
-                f"the manager on {self._path} cannot be followed: {_refusal(line)}; if it is of another version of "
-                "heronry, restart it with this version"
-            )
-        return first
 
     def _lines(self) -> list[Event]:
         while True:
@@ -240,6 +219,39 @@ class ListenedBuses:
     def close(self) -> None:
         """Close the buses."""
         self._buses.close()
+
+
+def status_now(path: Path) -> Status:
+    """Give the status of the manager whose socket has the path `path`, with the plan that runs, and its bus.
+
+    Raises ControlError if the manager does not listen, or sends no status.
+    """
+    with follow(path) as line:
+        return _first_of(line, path)[0]
+
+
+def _first_of(line: socket.socket, path: Path) -> tuple[Status, bytes]:
+    """Read the status with which a manager begins; gives also the bytes that came after it. Raises ControlError."""
+    line.settimeout(_FIRST_LINE_S)
+    rest = b""
+    while b"\n" not in rest:
+        try:
+            chunk = line.recv(1 << 16)
+        except OSError:
+            chunk = b""
+        if not chunk:
+            raise ControlError(
+                f"the manager on {path} gives no status: restart the manager with this version of heronry"
+            )
+        rest += chunk
+    text, _, rest = rest.partition(b"\n")
+    first = read_event(text)
+    if not isinstance(first, Status):
+        raise ControlError(
+            f"the manager on {path} cannot be followed: {_refusal(text)}; if it is of another version of heronry, "
+            "restart it with this version"
+        )
+    return first, rest
 
 
 def _spec_of(first: Status) -> Spec:

@@ -82,12 +82,11 @@ def opened_source(arguments: argparse.Namespace) -> "Feed | Recording":
 
 def opened_feed(arguments: argparse.Namespace) -> "Feed":
     """Open the manager or the buses that the command line names; raises UserError, ControlError or LinkError."""
-    flags = _bus_flags(arguments)
-    names_bus = bool(flags or arguments.bus)
+    names_bus = bool(_bus_flags(arguments) or arguments.bus)
     if names_bus and _names_manager(arguments):
         raise UserError("a manager (--of, --socket) and a bus (-i, -c, --bus): name only one of them")
     if names_bus:
-        return _listened(arguments, flags, _key(arguments))
+        return _listened(arguments, _key(arguments))
     if arguments.spec is not None:
         or_log = ("", "") if not hasattr(arguments, "log") else (" or in a log", ", or --log FILE")
         raise UserError(
@@ -115,7 +114,7 @@ def _key(arguments: argparse.Namespace) -> "Key | None":
     return None if arguments.key is None else read_key(arguments.key)
 
 
-def _listened(arguments: argparse.Namespace, flags: dict[str, object], key: "Key | None") -> "Feed":
+def _listened(arguments: argparse.Namespace, key: "Key | None") -> "Feed":
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.watch.live_feeds import ListenedBuses  # noqa: PLC0415
     from heronry_tools.watch.recordings import tables_of  # noqa: PLC0415
@@ -123,13 +122,15 @@ def _listened(arguments: argparse.Namespace, flags: dict[str, object], key: "Key
     if arguments.spec is None:
         raise UserError("a bus does not name its spec: add the spec, as in 'heronry top big_blue -i socketcan -c can0'")
     spec = load_spec(arguments.spec)
-    return ListenedBuses(spec, list(_choices(spec, arguments, flags)), key=key, tables=tables_of(spec))
+    return ListenedBuses(spec, list(named_choices(spec, arguments)), key=key, tables=tables_of(spec))
 
 
-def _choices(spec: "Spec", arguments: argparse.Namespace, flags: dict[str, object]) -> "Iterator[BusChoice]":
+def named_choices(spec: "Spec", arguments: argparse.Namespace) -> "Iterator[BusChoice]":
+    """Give the buses of a spec that the command line names, by python-can's flags or by --bus."""
     from heronry_tools.runtime.demo.buses import BusChoice  # noqa: PLC0415
     from heronry_wire.bus_arguments import named_buses  # noqa: PLC0415
 
+    flags = _bus_flags(arguments)
     if flags:
         bus = spec.buses[spec.manager.bus]
         interface, channel = str(flags.get("interface", "socketcan")), str(flags.get("channel", ""))

@@ -5,7 +5,8 @@ and changes none.
 
     v, spec, spec_digest, phase, epoch, stage
     manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
-                    or null), standstills (times, long_times, last_long_ms, longest_ms)
+                    or null), standstills (times, long_times, last_long_ms, longest_ms), heartbeat_ns (of its bus),
+                    contingencies (plans: how many, on_board: how many by PE; null: none were made ahead)
     next            epoch that is being prepared, or null
     unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null. In
                     all other cases `unknown_epoch` is null, also while the manager stands by
@@ -29,6 +30,11 @@ and changes none.
     buses           by name: bits_per_s and load, as planned
     other_tables    why a PE stages nothing, and what to do, by the PE's name
     unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
+
+The driver adds:
+
+    files           paths of the spec, and of the journal; null where there is none
+    plants          for a spec with plants: by name, the path of control through each
 """
 
 from collections.abc import Iterator, Mapping

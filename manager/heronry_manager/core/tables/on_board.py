@@ -13,6 +13,7 @@ not agree beforehand, and no PE stages another configuration than the manager me
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
@@ -64,6 +65,10 @@ class ContingencyNumbers:
         that it does not hold the slice (NOT_ON_BOARD).
         """
         return 0 < number <= self._held[pe]
+
+    def status(self) -> dict[str, Any]:
+        """Give how many plans were made ahead (`plans`), and of how many each PE has its slice (`on_board`, by PE)."""
+        return {"plans": len(self._called), "on_board": dict(self._held)}
 
 
 def on_board(spec: Spec, made: Contingencies) -> list[OnBoard]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from heronry_tools.runtime.doctor.finding import Finding
+from heronry_tools.reports.findings import Finding
 from heronry_wire.can_interface import CanInterface
 from heronry_wire.controller import ControllerState
 

@@ -5,6 +5,8 @@
     node-ID    a node-ID that two nodes use
     nodes      nodes that are missing, and nodes that are not in the spec
     foreign    what other equipment sends, compared with what the spec declares
+    late       states of PEs that came late
+    load       more frames than the spec allows
     clock      whether this computer's clock was set while listening
 
 `Hearing` takes the frames and the readings of the clocks. `assess_hearing` makes findings of them.
@@ -16,7 +18,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from heronry_tools.runtime.doctor.finding import Finding
+from heronry_tools.reports.findings import Finding
+from heronry_tools.runtime.doctor.expected import Expected
 from heronry_wire.controller import ControllerState, read_error_frame
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, PE_NODES, Command, Use, classify, management_id, state_id
@@ -27,27 +30,14 @@ from heronry_wire.timing import worst_bits
 if TYPE_CHECKING:
     from heronry_dg.model import Foreign
 
-
-_NS_PER_S = 1_000_000_000
+_NS_PER_S, _NS_PER_MS = 1_000_000_000, 1_000_000
+_LATE_PERIODS = (
+    2  # a state that comes so long after the one before is late; after `misses` and a quarter the PE is lost
+)
 _SHARED = frozenset((Use.NMT, Use.TIME, Use.NODE_SERVICE, Use.BULK))
 CLOCK_STEP_NS = 10_000_000
 _LEASES = {management_id(node, Command.LEASE): node for node in MANAGER_NODES}
 _STATES = {state_id(node): node for node in PE_NODES}
-
-
-@dataclass(frozen=True, slots=True)
-class Expected:
-    """One bus as a spec or a PE's table describes it: its nodes, bit rate, channels and heartbeat period."""
-
-    spec: str
-    digest: str
-    bitrate: int
-    pes: dict[int, str]  # node-ID -> name, on this bus
-    channels: int = 1
-    heartbeat_ns: int = 20_000_000
-    is_radio: bool = False  # its bit rate is that of the radio link, not of the adapter
-    own: frozenset[int] | None = None  # identifiers that the system itself uses there; None: not known
-    foreign: tuple["Foreign", ...] = ()  # declared frames of other equipment
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +81,23 @@ class Sender:
 
 
 @dataclass(slots=True)
+class Beats:
+    """The states of one PE: when the first and the last of them came, and the longest time between two of them, in ns.
+
+    Only page 0 counts, which a PE sends once in each heartbeat period.
+    """
+
+    first_ns: int
+    last_ns: int
+    longest_ns: int = 0
+
+    def beat(self, t_ns: int) -> None:
+        """Count a state that came at `t_ns`."""
+        self.longest_ns = max(self.longest_ns, t_ns - self.last_ns)
+        self.last_ns = t_ns
+
+
+@dataclass(slots=True)
 class Hearing:
     """What was heard on a bus so far."""
 
@@ -101,13 +108,14 @@ class Hearing:
     incarnations: dict[int, list[int]] = field(
         default_factory=dict
     )  # PE -> its incarnations, one entry for each change
+    beats: dict[int, Beats] = field(default_factory=dict)  # by PE
     on_channel: dict[str, set[int]] = field(default_factory=dict)  # of a replicated bus: channel -> nodes heard there
     by_identifier: dict[tuple[bool, int], Sender] = field(default_factory=dict)  # (whether it has 29 bits, identifier)
     clock_step_ns: int = 0  # the largest step of the wall clock
     _offset_ns: int | None = None
 
-    def take(self, frame: Frame) -> None:
-        """Count a frame of the bus, or an error frame of the controller."""
+    def take(self, frame: Frame, t_ns: int) -> None:
+        """Count a frame of the bus that ended at `t_ns`, or an error frame of the controller."""
         if frame.error:
             report = read_error_frame(frame)
             self.errors.update(report.kinds)
@@ -127,7 +135,9 @@ class Hearing:
         elif frame.can_id in _STATES:
             page = decode_state(frame.data)
             if isinstance(page, StatePage0):
-                seen = self.incarnations.setdefault(_STATES[frame.can_id], [])
+                node = _STATES[frame.can_id]
+                self.beats.setdefault(node, Beats(t_ns, t_ns)).beat(t_ns)
+                seen = self.incarnations.setdefault(node, [])
                 if seen[-1:] != [page.incarnation]:
                     seen.append(page.incarnation)
 
@@ -159,16 +169,51 @@ def assess_hearing(
 
     expected: has the PEs of the bus; None: no PE is reported as missing or as not in the spec.
     """
-    yield _assess_traffic(heard, seconds, bus)
-    yield _assess_managers(heard, bus)
+    yield assess_traffic(heard, seconds, bus)
+    yield assess_managers(heard, bus)
+    yield from assess_twins(heard)
     yield from _assess_nodes(heard, expected, bus)
     if expected is not None:
+        yield from assess_beats(heard, expected)
+        yield from assess_load(heard, expected, seconds)
         yield from assess_foreign(heard, expected, seconds)
+    yield assess_clock(heard)
+
+
+def assess_clock(heard: Hearing) -> Finding:
+    """Give the finding about this computer's clock: whether it was set while listening."""
     if heard.clock_step_ns > CLOCK_STEP_NS:
         says = f"the clock of this computer was set by {heard.clock_step_ns / 1e6:.0f} ms: dates in logs jump"
-        yield Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
-    else:
-        yield Finding("clock", "the clock of this computer was not set while listening")
+        return Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
+    return Finding("clock", "the clock of this computer was not set while listening")
+
+
+def assess_beats(heard: Hearing, expected: Expected) -> Iterator[Finding]:
+    """Give findings about PEs whose states come late, by more than one heartbeat period.
+
+    After `misses` periods, usually three, a PE counts as lost.
+    """
+    judged = {node: beats for node, beats in heard.beats.items() if node in expected.periods_ns}
+    late = {n: beats for n, beats in judged.items() if beats.longest_ns > _LATE_PERIODS * expected.periods_ns[n]}
+    for node, beats in late.items():
+        period_ms = expected.periods_ns[node] / _NS_PER_MS
+        says = f"{expected.pes[node]} was silent for {beats.longest_ns / _NS_PER_MS:.0f} ms"
+        remedy = f"top   (on the computer of {expected.pes[node]}: what else runs there?)"
+        yield Finding("late", f"{says}, and sends its state every {period_ms:g} ms", remedy)
+    if judged and not late:
+        node = max(judged, key=lambda one: judged[one].longest_ns / expected.periods_ns[one])
+        longest_ms, period_ms = judged[node].longest_ns / _NS_PER_MS, expected.periods_ns[node] / _NS_PER_MS
+        yield Finding("late", f"no state came late; the longest silence was {longest_ms:.0f} ms of {period_ms:g} ms")
+
+
+def assess_load(heard: Hearing, expected: Expected, seconds: float) -> Iterator[Finding]:
+    """Give the finding about the load of the bus; the worst case of bit stuffing counts, as in the analysis."""
+    if expected.most_load is None:
+        return
+    load = sum(sender.bits for sender in heard.by_identifier.values()) / seconds / expected.bitrate
+    says = f"{load:.1%} of the bit rate are used, and {expected.most_load:.0%} may be"
+    remedy = "heronry bus SPEC   (what the plan sends; 'heronry top' shows what is sent: find who sends more)"
+    yield Finding("load", says, remedy if load > expected.most_load else None)
 
 
 def assess_foreign(heard: Hearing, expected: Expected, seconds: float) -> Iterator[Finding]:
@@ -236,7 +281,8 @@ def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
     return Finding("channels", f"every node is heard on {' and on '.join(heard.on_channel)}")
 
 
-def _assess_traffic(heard: Hearing, seconds: float, bus: BusNamed) -> Finding:
+def assess_traffic(heard: Hearing, seconds: float, bus: BusNamed) -> Finding:
+    """Give the finding about frames and error frames; `bus`: for the remedy where there are none."""
     told = "".join(f", {kind} {times}" for kind, times in sorted(heard.errors.items()))
     if heard.is_bus_off or heard.errors:
         remedy = "check termination (120 ohm at both ends), wiring, and the bit rate of every node"
@@ -246,7 +292,8 @@ def _assess_traffic(heard: Hearing, seconds: float, bus: BusNamed) -> Finding:
     return Finding("bus", f"{heard.frames} frames in {seconds:g} s, without errors")
 
 
-def _assess_managers(heard: Hearing, bus: BusNamed) -> Finding:
+def assess_managers(heard: Hearing, bus: BusNamed) -> Finding:
+    """Give the finding about the managers that are active: there should be one."""
     is_active = ", ".join(f"{node} (term {term})" for node, term in sorted(heard.terms.items()))
     if not heard.terms:
         return Finding("manager", "no manager is heard", f"heronry manager SPEC {bus.flags}")
@@ -255,12 +302,16 @@ def _assess_managers(heard: Hearing, bus: BusNamed) -> Finding:
     return Finding("manager", f"one manager is active: {is_active}")
 
 
-def _assess_nodes(heard: Hearing, expected: Expected | None, bus: BusNamed) -> Iterator[Finding]:
-    names = {} if expected is None else expected.pes
+def assess_twins(heard: Hearing) -> Iterator[Finding]:
+    """Give a finding for each node-ID that two nodes use."""
     for node, seen in sorted(heard.incarnations.items()):
         if len(seen) > len(set(seen)):  # one, another, and the first again: no single computer sends that
             says = f"two nodes have node-ID {node}"
             yield Finding("node-ID", says, "give one of them another node_id in the spec, and its new table")
+
+
+def _assess_nodes(heard: Hearing, expected: Expected | None, bus: BusNamed) -> Iterator[Finding]:
+    names = {} if expected is None else expected.pes
     missing = [f"{name} ({node})" for node, name in names.items() if node not in heard.incarnations]
     if missing:
         yield Finding("nodes", f"not heard: {', '.join(missing)}", bus.start_agents("on each of them"))
@@ -271,23 +322,3 @@ def _assess_nodes(heard: Hearing, expected: Expected | None, bus: BusNamed) -> I
     if not missing and not strangers:
         told = ", ".join(names.get(node, str(node)) for node in sorted(heard.incarnations)) or "none"
         yield Finding("nodes", f"heard: {told}")
-
-
-def assess_digests(digests: dict[int, str | None], expected: Expected | None) -> Iterator[Finding]:
-    """Give findings about the digest of each PE's table.
-
-    digests: by node-ID; the digest is None if the PE did not answer.
-    expected: has the right digest; None: all digests are compared with the first one that is known.
-    """
-    silent = [str(node) for node, digest in digests.items() if digest is None]
-    if silent:
-        yield Finding("tables", f"no answer by SDO from node {', '.join(silent)}", "repeat on an idle bus")
-    told = {node: digest for node, digest in digests.items() if digest is not None}
-    wanted = expected.digest if expected is not None else next(iter(told.values()), "")
-    wrong = [str(node) for node, digest in told.items() if digest != wanted]
-    if wrong:
-        other = expected.spec if expected is not None else f"node {next(iter(told))}"
-        remedy = "heronry table SPEC PE -o PE.table   (on the manager's computer; copy it there and restart the agent)"
-        yield Finding("tables", f"node {', '.join(wrong)} has a table of another spec than {other}", remedy)
-    elif told:
-        yield Finding("tables", f"all {len(told)} PEs have tables of one spec (digest {wanted[:8]})")
