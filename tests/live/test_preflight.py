@@ -34,8 +34,8 @@ from heronry_wire.pe_table import PeTable, with_check_sum
 
 pytestmark = pytest.mark.live
 RADIO_LINK = Path("dg_specs/examples/radio_link.dg.yaml")
-PATIENCE_S = 90
-HEARTBEAT_NS = 160_000_000  # so long that a busy computer keeps up
+PATIENCE_S = 150
+HEARTBEAT_NS = 320_000_000  # so long that a busy computer keeps up
 SILENT_PITOT = """
 import os
 from pathlib import Path

@@ -5,12 +5,16 @@ Exit codes: 0 go, 1 no go, 2 it cannot be judged: no manager answers, or what wa
 
 import argparse
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.manager_argument import add_manager_argument, manager_socket
 from heronry_tools.console.output import add_output
 from heronry_tools.console.spec_argument import add_spec_argument
+
+if TYPE_CHECKING:
+    from heronry_tools.reports.findings import Finding
 
 _PAUSE_S = 0.5
 _EPILOG = """\
@@ -67,18 +71,33 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f"--seconds {arguments.seconds:g}: listen for more than 0 and up to 600 s")
     spec = load_spec(arguments.spec)
     key = None if arguments.key is None else read_key(arguments.key)
-    inspection = Inspection(
-        spec,
-        arguments.spec,
-        manager_socket(arguments),
-        list(named_choices(spec, arguments)),
-        arguments.seconds,
-        key,
-    )
-    until_s = time.monotonic() + arguments.wait
-    findings = inspection.findings()
-    while not (is_go := all_right(findings)) and time.monotonic() < until_s:
-        time.sleep(_PAUSE_S)
-        findings = inspection.findings()
+    buses = list(named_choices(spec, arguments))
+
+    def inspected() -> "list[Finding]":
+        socket = manager_socket(arguments)
+        return Inspection(spec, arguments.spec, socket, buses, arguments.seconds, key).findings()
+
+    findings = _as_soon_as_right(inspected, time.monotonic() + arguments.wait)
     print(as_json(findings) if arguments.json else "\n".join(as_text(findings, "GO", "NO GO: ")))
-    return 0 if is_go else 1
+    return 0 if all_right(findings) else 1
+
+
+def _as_soon_as_right(inspected: Callable[[], "list[Finding]"], until_s: float) -> "list[Finding]":
+    """Inspect until everything is right, or until a time of the monotonic clock; gives the last findings.
+
+    Raises ControlError if no manager answers by then.
+    """
+    from heronry_manager.shell.control_place import ControlError  # noqa: PLC0415
+    from heronry_tools.reports.findings import all_right  # noqa: PLC0415
+
+    while True:
+        is_over = time.monotonic() >= until_s
+        try:
+            findings = inspected()
+        except ControlError:
+            if is_over:
+                raise
+        else:
+            if is_over or all_right(findings):
+                return findings
+        time.sleep(_PAUSE_S)
