@@ -74,7 +74,7 @@ def _rehearse(pipe: int, end_ns: int, niceness: int) -> None:
 
     niceness: nice value for this process; ignored if this user may not set it.
     """
-    worst_ns = 0
+    worst_ns = max(0, time.monotonic_ns() - end_ns)  # a process that begins after the end is late, too
     try:
         with suppress(PermissionError):
             os.setpriority(os.PRIO_PROCESS, 0, niceness)
