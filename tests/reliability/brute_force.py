@@ -32,7 +32,10 @@ class Losing:
 
     def __call__(self, down: Collection[str]) -> bool:
         left = survivors(self._spec, Situation(frozenset(down)))
-        placed = frozenset(name for name, module in self._spec.modules.items() if left.hosts(module))
+        return self.without(frozenset(name for name, module in self._spec.modules.items() if left.hosts(module)))
+
+    def without(self, placed: frozenset[str]) -> bool:
+        """Tell whether the function is lost if only these modules can be placed."""
         if placed not in self._known:
             self._known[placed] = not any(self._serves(chosen) for chosen in self._chosen(sorted(placed)))
         return self._known[placed]

@@ -1,124 +1,36 @@
 """Probabilities with common causes, replicated buses and resource limits, against adding up every set of failures."""
 
-import itertools
 import random
-from collections.abc import Callable, Collection
 from dataclasses import replace
-from functools import cache
 from math import exp, expm1, sqrt
 
 import pytest
 
 from heronry_dg.loader import load
-from heronry_dg.model import Bus, Spec
+from heronry_dg.model import Bus
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import elements
-from heronry_tools.analysis.reliability.bounds import loss_bounds
 from heronry_tools.analysis.reliability.chances import CommonCause, Hazards
 from heronry_tools.analysis.reliability.diagrams import Solution
 from heronry_tools.analysis.reliability.mission import Reliability
-from heronry_tools.analysis.reliability.resource_sets import resource_sets
-from heronry_tools.analysis.servable import Planning
-from planner.random_specs import random_spec
-from reliability.brute_force import Losing, subsets
-from thoroughness import part_of
+from reliability.systems import MUST_APPEAR, compared
+from thoroughness import IS_WHOLE, part_of
 
 
-def added_up(hazards: Hazards, hours: float, lost: Callable[[frozenset[str]], bool]) -> float:
-    """Add the probabilities of all ways to fail after which something is lost; causes by the words of `chances`."""
-    own = {name: 1.0 - exp(-rate * hours) for name, rate in hazards.rates.items()} | dict(hazards.demands)
-    shares = dict.fromkeys(own, 0.0)
-    causes = []
-    for cause in hazards.common:
-        if cause.elements[0] in hazards.rates:
-            shared = cause.beta * min(hazards.rates[one] for one in cause.elements)
-            causes.append((-expm1(-shared * hours), cause.elements))
-        else:
-            shared = cause.beta * min(hazards.demands[one] for one in cause.elements)
-            causes.append((shared, cause.elements))
-        for one in cause.elements:
-            shares[one] += shared
-    for name, share in shares.items():
-        own[name] = (
-            -expm1(-(hazards.rates[name] - share) * hours) if name in hazards.rates else hazards.demands[name] - share
-        )
-    total = 0.0
-    for happening in itertools.product((False, True), repeat=len(causes)):
-        weight = 1.0
-        struck: set[str] = set()
-        for happens, (chance, members) in zip(happening, causes, strict=True):
-            weight *= chance if happens else 1.0 - chance
-            struck |= set(members) if happens else set()
-        for down in subsets(list(own)):
-            if lost(frozenset(down | struck)):
-                its = weight
-                for name, chance in own.items():
-                    its *= chance if name in down else 1.0 - chance
-                total += its
-    return total
-
-
-def drawn_hazards(rng: random.Random, names: Collection[str]) -> Hazards:
-    """Draw rates for some elements and probabilities for the others, and common causes within each kind."""
-    listed = list(names)
-    rated = [name for name in listed if rng.random() < 0.7]
-    rates = {name: 10 ** rng.uniform(-4, -0.5) for name in rated}
-    demands = {name: 10 ** rng.uniform(-4, -0.5) for name in listed if name not in rates}
-    common = []
-    for group in (list(rates), list(demands)):
-        if len(group) > 1 and rng.random() < 0.7:
-            common += [
-                CommonCause(tuple(rng.sample(group, min(rng.choice((2, 3)), len(group)))), rng.uniform(0.01, 0.4))
-            ]
-    if len(rates) > 2 and rng.random() < 0.3:
-        common.append(CommonCause(tuple(rng.sample(list(rates), 2)), 0.1))
-    return Hazards(rates, demands, tuple(common))
-
-
-def with_channels(rng: random.Random, spec: Spec) -> Spec:
-    buses = {
-        name: replace(bus, channels=rng.choice((1, 2, 2))) if bus.kind == "wired" else bus
-        for name, bus in spec.buses.items()
-    }
-    return replace(spec, buses=buses)
-
-
-def unservable(spec: Spec, function: str) -> Callable[[frozenset[str]], bool]:
-    """Tell by a plan whether a function cannot be served with real resources; each set is planned for once."""
-    planning = Planning(spec)
-    return cache(lambda down: planning.all_at_once((function,), down).configuration is None)
-
-
-@pytest.mark.parametrize("share", range(4))
+@pytest.mark.parametrize("share", range(2))
 def test_exact_probabilities_are_those_of_adding_up_every_way_to_fail(share: int) -> None:
-    bound_by_resources = 0
-    for seed in range(share, part_of(200, 5), 4):
-        rng = random.Random(seed)
-        spec = with_channels(rng, random_spec(rng, modules=4)).in_phase(None)
-        function = rng.choice(list(spec.functions))
-        possible = elements(spec)
-        most = 14 if seed % 20 == 0 else 9
-        chosen = rng.sample(possible, min(len(possible), most))
-        hazards = drawn_hazards(rng, chosen)
-        found = Reliability(spec, function, chosen, hazards)
-        hours = rng.choice((0.5, 1.0, 20.0))
-        lost = Losing(spec, function)
-        assert found.loss(hours) == pytest.approx(added_up(hazards, hours, lost), rel=1e-9), seed
-        assert found.survival(hours) == pytest.approx(1.0 - found.loss(hours), rel=1e-9, abs=1e-12)
-        reach = [one for one in chosen if one in found.failure.reach]
-        cuts = resource_sets(spec, function, reach, len(reach), list(found.sets.sets(10**6)))
-        bounds = loss_bounds(found.failure, cuts, len(reach), hazards, hours)
-        exact = added_up(hazards, hours, unservable(spec, function))
-        assert bounds.exact
-        assert bounds.low == pytest.approx(exact, rel=1e-9), seed
-        bound_by_resources += bounds.low > found.loss(hours) * 1.001
-        for order in (1, 2):
-            some = [cut for cut in cuts if len(cut) <= order]
-            partly = loss_bounds(found.failure, some, order, hazards, hours)
-            assert partly.low <= exact * (1 + 1e-9), seed
-            assert partly.high is not None
-            assert partly.high >= exact * (1 - 1e-9), seed
-    assert bound_by_resources
+    """In `make test` small systems; all of up to 16 elements in `make soak`."""
+    seeds = iter(range(share, part_of(200, 5), 2))
+    has: set[str] = set()
+    for seed, wrong, its in compared(seeds, most=16 if IS_WHOLE else 9, draws=None):
+        assert wrong is None, f"PYTHONPATH=tests python -m reliability.systems {seed} {seed + 1}: {wrong}"
+        has |= its
+    assert {word for word in MUST_APPEAR if word not in has} == set()
+
+
+def test_sampling_agrees_where_there_are_too_many_ways_to_fail() -> None:
+    for seed, wrong, _ in compared(iter(range(part_of(48))), most=30, draws=part_of(100_000, 20)):
+        assert wrong is None, f"PYTHONPATH=tests python -m reliability.systems {seed} {seed + 1} --sampled: {wrong}"
 
 
 def test_sampling_agrees_where_nothing_can_be_added_up() -> None:

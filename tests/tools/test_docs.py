@@ -133,7 +133,7 @@ RULES = [
     Rule(r"python -m lab\.benches\.reaction\b.*", How.EXEMPT, "test_reaction_bench.py flies it"),
     Rule(r"python -m lab\.benches\.reconfiguration .*", How.LIVE, more="--kills 1", is_long=True),
     Rule(r"heronry (contingencies|campaign|cutsets|why|export|import)\b.*", How.RUN),
-    Rule(r"PYTHONPATH=tests python -m reliability\.brute_force .*", How.EXEMPT, "tests/reliability runs it"),
+    Rule(r"PYTHONPATH=tests python -m reliability\.(brute_force|systems) .*", How.EXEMPT, "tests/reliability runs it"),
     Rule(r"python -m lab\.fault_tree_race", How.EXEMPT, "tests/reliability runs it where there is a scram"),
     Rule(
         r"python -m lab.planner_race\b.*", How.RUN, more="--sizes 30x8 --cases 1 --seed 2 --effort 0.01", is_long=True
