@@ -158,25 +158,33 @@ def test_losses_and_utility_are_bounded_whatever_the_order(order: int) -> None:
     }
     spec = replace(CHUTE, pes=pes)
     names = tuple(f"pe:{name}" for name in rates)
-    chances = {f"pe:{name}": 1 - math.exp(-rate) for name, rate in rates.items()}
     swept = sweep(spec, Scope(names, 3, (None,)), None)
-    exactly = {
-        down: math.prod(chances[name] if name in down else 1 - chances[name] for name in names)
-        for _, down in swept.outcomes
-    }
+
+    def exactly_down(hours: float) -> dict[FaultSet, float]:
+        chances = {f"pe:{name}": 1 - math.exp(-rate * hours) for name, rate in rates.items()}
+        return {
+            down: math.prod(chances[name] if name in down else 1 - chances[name] for name in names)
+            for _, down in swept.outcomes
+        }
+
+    exactly = exactly_down(1.0)
     scope = Scope(names, order, (None,))
     found = outlook(spec, scope, None, swept.outcomes)
     assert found is not None
     for function in spec.functions.values():
-        lost = sum(
-            exactly[down]
+        losing = [
+            down
             for (_, down), one in swept.outcomes.items()
             if not any(output in one.configuration.modules for output in function.outputs)
-        )
-        loss = found.losses[function.name]
-        assert loss.high is not None
-        assert loss.low * (1 - 1e-12) <= lost <= loss.high * (1 + 1e-12)
-        assert loss.exact or order < 3
+        ]
+        assert [time for time, _ in found.curves[function.name]] == [number / 20 for number in range(21)]
+        for time, loss in found.curves[function.name]:
+            at_that_time = exactly_down(time)
+            lost = sum(at_that_time[down] for down in losing)
+            assert loss.high is not None
+            assert loss.low * (1 - 1e-12) <= lost <= loss.high * (1 + 1e-12)
+            assert loss.exact or order < 3
+        assert found.losses[function.name] == found.curves[function.name][-1][1]
     expected = sum(exactly[down] * one.objective.utility for (_, down), one in swept.outcomes.items())
     assert found.expected[0] * (1 - 1e-12) <= expected <= found.expected[1] * (1 + 1e-12)
     assert math.fsum([*(chance for _, chance in found.utilities), found.beyond]) == pytest.approx(1.0, abs=1e-12)
@@ -196,15 +204,70 @@ def test_the_page_has_the_outlook(tmp_path: Path, capsys: pytest.CaptureFixture[
     kinds = ("--kinds", "pe", "--faults", "1", "--phase", "glide")
     assert run(capsys, "big_blue", *kinds, "-o", str(page)) == (0, "")
     html = page.read_text()
-    assert "probability that the utility falls below a level within 1 h" in html
+    assert "Probability that the utility falls below a level within 1 h" in html
     assert "expected utility" in html
+    body = ET.fromstring(re.sub("<!DOCTYPE html>|<meta [^>]*>", "", html))
+    (curves,) = [one for one in body.findall(".//svg") if one.attrib["aria-label"].startswith("R(t)")]
+    named = {text.text for text in curves.findall("text")}
+    assert {"elevator", "parachute", "flight_log"} <= named
+    assert len(curves.findall("polyline")) == len(curves.findall("polygon")) >= 3
     _, out = run(capsys, "big_blue", *kinds, "--json")
     (phase,) = json.loads(out)["phases"]
     log = phase["functions"]["flight_log"]
     assert log["loss_per_h"] <= 0.0002 <= log["loss_at_most_per_h"]
     assert log["loss_is_complete"]
     assert phase["outlook"]["expected_utility"]["at_least"] < 58000
+    curve = log["reliability"]
+    assert (curve[0]["hours"], curve[0]["at_least"], curve[0]["at_most"], curve[-1]["hours"]) == (0.0, 1.0, 1.0, 1.0)
+    assert curve[-1]["at_least"] == 1.0 - log["loss"]["at_most"]
+    for key in ("at_least", "at_most"):
+        assert [one[key] for one in curve] == sorted((one[key] for one in curve), reverse=True)
+    assert log["mean_time_to_loss_at_most_h"] > 1000.0
     assert phase["outlook"]["elements_without_rate"] == 0
+
+
+def test_plans_made_ahead_give_the_same_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "chute.contingencies"
+    kinds = ("--kinds", "pe,module", "--faults", "1")
+    assert main(["contingencies", "elevator_and_chute", "-o", str(file), *kinds, *ALONE]) == 0
+    assert "places in use" in capsys.readouterr().out
+    planned = run(capsys, "elevator_and_chute", *kinds, "--json")
+    assert run(capsys, "elevator_and_chute", "--contingencies", str(file), "--json") == planned
+    code, out = run(capsys, "elevator_and_chute", "--contingencies", str(file), "--require", "parachute after 1")
+    assert code == 1
+    assert "required: parachute after 1: BROKEN" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--faults", "2"), "--faults: with --contingencies the file says what is examined; leave --faults out"),
+        (("--kinds", "pe"), "leave --kinds out"),
+        (("--require", "A after 2"), "has plans for up to 1 faults; make it anew"),
+        (("--require", "A after 1 in landing"), "has no plans for phase landing; make it anew"),
+    ],
+)
+def test_what_a_contingency_file_cannot_answer_is_one_sentence(
+    arguments: tuple[str, str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "blue.contingencies"
+    scope = ("--kinds", "bus", "--faults", "1", "--phase", "glide")
+    assert main(["contingencies", "big_blue", "-o", str(file), *scope, *ALONE]) == 0
+    capsys.readouterr()
+    assert main(["campaign", "big_blue", "--contingencies", str(file), *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert sentence in err
+
+
+def test_a_contingency_file_of_another_spec_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "x.contingencies"
+    assert main(["campaign", "big_blue", "--contingencies", str(file)]) == 2
+    assert main(["contingencies", "elevator_and_chute", "-o", str(file), "--faults", "0", *ALONE]) == 0
+    assert main(["campaign", "big_blue", "--contingencies", str(file)]) == 2
+    missing, other = capsys.readouterr().err.splitlines()
+    assert "No such file" in missing
+    assert "made for another spec" in other
 
 
 def test_a_long_list_is_cut_short_and_missing_proofs_are_reported() -> None:

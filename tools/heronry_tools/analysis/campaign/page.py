@@ -11,13 +11,10 @@ from typing import Final
 
 from heronry_dg.model import Spec
 from heronry_manager.planner.sweep import Scope
-from heronry_tools.analysis.campaign.outlook_picture import outlook_picture
-from heronry_tools.analysis.campaign.report import Assessed, loss_head, loss_in_words, outlook_lines
+from heronry_tools.analysis.campaign.chart import Chart
+from heronry_tools.analysis.campaign.outlook_picture import outlook_picture, reliability_picture
+from heronry_tools.analysis.campaign.report import Assessed, likely_cells, likely_heads, outlook_lines
 from heronry_tools.analysis.campaign.survey import Grade, PhaseSurvey, Range
-
-_WIDTH: Final = 420
-_HEIGHT: Final = 250
-_LEFT, _RIGHT, _TOP, _BOTTOM = 46, 16, 14, 40
 
 _STYLE: Final = """\
 :root { color-scheme: light dark; --ink: #1d2430; --paper: #ffffff; --faint: #5c6675; --line: #d5dae1;
@@ -82,6 +79,7 @@ def _phase(one: PhaseSurvey) -> Iterator[str]:
     yield _picture("Critical functions served", one.grades, lambda grade: grade.critical)
     if one.outlook is not None:
         yield outlook_picture(one.outlook)
+        yield reliability_picture(one.outlook)
     yield "</div>"
     if one.outlook is not None:
         yield from (f"<p>{escape(line)}</p>" for line in outlook_lines(one.outlook))
@@ -89,7 +87,8 @@ def _phase(one: PhaseSurvey) -> Iterator[str]:
     heads = ("faults", "sets", "utility: best", "mean", "worst", "critical served: best", "mean", "worst")
     yield _table(heads, [_grade_row(grade) for grade in one.grades])
     sizes = (f"lost in {grade.sets} sets of {grade.faults}" for grade in one.grades)
-    yield _table(("function", "class", *sizes, loss_head(one), "lost alone with"), list(_function_rows(one)))
+    of_functions = ("function", "class", *sizes, *likely_heads(one), "lost alone with")
+    yield _table(of_functions, list(_function_rows(one)))
     yield "</div>"
 
 
@@ -101,8 +100,7 @@ def _grade_row(grade: Grade) -> list[str]:
 def _function_rows(one: PhaseSurvey) -> Iterator[list[str]]:
     for name, level in one.wanted.items():
         counts = [str(grade.lost[name]) for grade in one.grades]
-        likely = loss_in_words(one, name)
-        yield [name, level, *counts, likely, ", ".join(one.single_points[name]) or "-"]
+        yield [name, level, *counts, *likely_cells(one, name), ", ".join(one.single_points[name]) or "-"]
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -120,43 +118,21 @@ def _picture(title: str, grades: Sequence[Grade], quantity: Callable[[Grade], Ra
     whole = max(1, quantity(grades[0]).best)
     steps = max(1, len(grades) - 1)
 
-    def x(number: int) -> float:
-        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * number / steps
-
-    def y(value: float) -> float:
-        share = min(value / whole, 1.0)  # a lost function may make room for another one; the picture ends at the top
-        return _HEIGHT - _BOTTOM - (_HEIGHT - _TOP - _BOTTOM) * share
+    def point(number: int, value: float) -> tuple[float, float]:
+        # a lost function may make room for another one; the picture ends at the top
+        return number / steps, min(value / whole, 1.0)
 
     ranges = [quantity(grade) for grade in grades]
-    top = [f"{x(i):.1f},{y(one.best):.1f}" for i, one in enumerate(ranges)]
-    bottom = [f"{x(i):.1f},{y(one.worst):.1f}" for i, one in enumerate(ranges)]
-    middle = [(x(i), y(one.mean), one.mean) for i, one in enumerate(ranges)]
-    label = escape(f"{title} by number of faults")
-    size = f'width="{_WIDTH}" height="{_HEIGHT}" viewBox="0 0 {_WIDTH} {_HEIGHT}"'
-    parts = [
-        f'<figure><svg role="img" aria-label="{label}" {size}>',
-        *(_grid_line(y(whole * share / 4), f"{25 * share} %") for share in range(5)),
-        f'<polygon class="area" points="{" ".join([*top, *reversed(bottom)])}"/>',
-        f'<polyline class="mean" points="{" ".join(f"{at_x:.1f},{at_y:.1f}" for at_x, at_y, _ in middle)}"/>',
-        *(_dot(at_x, at_y, mean / whole) for at_x, at_y, mean in middle),
-        *(_tick(x(i), str(grade.faults)) for i, grade in enumerate(grades)),
-        f'<text class="faint" x="{_WIDTH / 2:.0f}" y="{_HEIGHT - 6}" text-anchor="middle">faults at once</text>',
-        f"</svg><figcaption>{escape(title)}: worst to best, and mean, of the healthy {whole}</figcaption></figure>",
-    ]
-    return "\n".join(parts)
-
-
-def _grid_line(y: float, label: str) -> str:
-    return (
-        f'<line class="grid" x1="{_LEFT}" y1="{y:.1f}" x2="{_WIDTH - _RIGHT}" y2="{y:.1f}"/>'
-        f'<text class="faint" x="{_LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{label}</text>'
+    middle = [point(i, one.mean) for i, one in enumerate(ranges)]
+    chart = Chart(f"{title} by number of faults", "faults at once")
+    for quarter in range(5):
+        chart.grid_line(quarter / 4, f"{25 * quarter} %")
+    chart.area(
+        [point(i, one.worst) for i, one in enumerate(ranges)], [point(i, one.best) for i, one in enumerate(ranges)]
     )
-
-
-def _dot(x: float, y: float, share: float) -> str:
-    """A mean as a dot; when the pointer is over the dot, the browser shows the mean as a number."""
-    return f'<circle class="dot" cx="{x:.1f}" cy="{y:.1f}" r="3.5"><title>mean {share:.1%}</title></circle>'
-
-
-def _tick(x: float, label: str) -> str:
-    return f'<text x="{x:.1f}" y="{_HEIGHT - 24}" text-anchor="middle">{label}</text>'
+    chart.line(middle)
+    for place, one in zip(middle, ranges, strict=True):
+        chart.dot(place, f"mean {one.mean / whole:.1%}")
+    for i, grade in enumerate(grades):
+        chart.tick(i / steps, str(grade.faults))
+    return chart.text(f"{title}: worst to best, and mean, of the healthy {whole}")

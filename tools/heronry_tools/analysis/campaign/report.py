@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
+from math import isinf
 
 from heronry_dg.model import Spec
 from heronry_manager.planner.sweep import Scope
@@ -37,11 +38,11 @@ def _phase_lines(one: PhaseSurvey) -> Iterator[str]:
     yield from aligned(rows)
     yield ""
     sizes = [f"{grade.sets} of {grade.faults}" for grade in one.grades]
-    rows2 = [("function", "class", *(f"lost in {size}" for size in sizes), loss_head(one), "lost alone with")]
+    lost_in = (f"lost in {size}" for size in sizes)
+    rows2 = [("function", "class", *lost_in, *likely_heads(one), "lost alone with")]
     for name, level in one.wanted.items():
         counts = [str(grade.lost[name]) for grade in one.grades]
-        likely = loss_in_words(one, name)
-        rows2.append((name, level, *counts, likely, ", ".join(one.single_points[name]) or "-"))
+        rows2.append((name, level, *counts, *likely_cells(one, name), ", ".join(one.single_points[name]) or "-"))
     yield from aligned(rows2)
     if one.outlook is not None:
         yield ""
@@ -51,14 +52,18 @@ def _phase_lines(one: PhaseSurvey) -> Iterator[str]:
         yield f"{unproven} plans are legal, but not proven to be the best"
 
 
-def loss_head(one: PhaseSurvey) -> str:
-    """Give the head of the column with probabilities of loss."""
-    return "loss" if one.outlook is None else f"lost within {one.outlook.hours:g} h"
+def likely_heads(one: PhaseSurvey) -> tuple[str, ...]:
+    """Give the heads of the columns that say how likely a function is lost."""
+    return ("loss",) if one.outlook is None else (f"lost within {one.outlook.hours:g} h", "mean time to loss")
 
 
-def loss_in_words(one: PhaseSurvey, function: str) -> str:
-    """Write the probability that a function is lost, and what it is; `-` if nothing is known of it."""
-    return "-" if one.outlook is None else str(one.outlook.losses.get(function, "-"))
+def likely_cells(one: PhaseSurvey, function: str) -> tuple[str, ...]:
+    """Give the cells of these columns, each of which says what its number is; `-` where nothing is known."""
+    if one.outlook is None:
+        return ("-",)
+    mean = one.outlook.mean_times_h.get(function)
+    lasts = "-" if mean is None else "infinite (upper)" if isinf(mean) else f"{mean:.4g} h (upper)"
+    return str(one.outlook.losses.get(function, "-")), lasts
 
 
 def outlook_lines(outlook: Outlook) -> Iterator[str]:
@@ -140,12 +145,23 @@ def _phase_json(one: PhaseSurvey) -> dict[str, object]:
 def _loss_json(outlook: Outlook | None, function: str) -> dict[str, object]:
     per_h = None if outlook is None else outlook.losses_per_h.get(function)
     loss = None if outlook is None else outlook.losses.get(function)
+    mean = None if outlook is None else outlook.mean_times_h.get(function)
     return {
         "loss_per_h": None if per_h is None else per_h.low,
         "loss_at_most_per_h": None if per_h is None else per_h.high,
         "loss_is_complete": None if per_h is None else per_h.high is not None,
         "loss": None if loss is None else {"at_least": loss.low, "at_most": loss.high, "exact": loss.exact},
+        "reliability": None if outlook is None or loss is None else _curve_json(outlook, function),
+        "mean_time_to_loss_at_most_h": None if mean is None or isinf(mean) else mean,
     }
+
+
+def _curve_json(outlook: Outlook, function: str) -> list[dict[str, float | None]]:
+    """Give R(t), with its bounds, at the times of the curve."""
+    return [
+        {"hours": time, "at_least": None if loss.high is None else 1.0 - loss.high, "at_most": 1.0 - loss.low}
+        for time, loss in outlook.curves[function]
+    ]
 
 
 def _outlook_json(outlook: Outlook) -> dict[str, object]:
