@@ -176,6 +176,10 @@ def test_probabilities_say_what_they_are(capsys: pytest.CaptureFixture[str]) -> 
     assert "(lower) to" in out
     assert "(upper), to order 1" in out
     assert "mean time to loss: 4137 h (exact; without repair)\n" in out
+    title, *rows, axis, _ = out[out.index("R(t) by logic") :].split("most important")[0].splitlines()
+    assert title == "R(t) by logic (exact):"
+    assert [row.partition("|")[0].strip() for row in rows] == ["1", "0.955", "0.909", "0.864", "0.819"]
+    assert (rows[0].partition("|")[2][0], rows[-1][-1], set(axis.strip())) == ("*", "*", {"+", "-"})
 
 
 def test_a_place_may_fail(capsys: pytest.CaptureFixture[str]) -> None:
@@ -247,12 +251,13 @@ def test_a_diagram_that_is_too_large_is_truncated_and_says_so(
     command = ("big_blue", "telemetry", "--logical", "--mission", "10")
     exact = json.loads(run(capsys, *command, "--json"))["logical"]
     assert exact["complete_to_order"] is None
-    monkeypatch.setattr(Solution.__init__, "__defaults__", (4, None))
+    monkeypatch.setattr(Solution.__init__, "__defaults__", (4, None, 8.0))
     monkeypatch.setattr(truncating, "_SET_NODES", 12)
     monkeypatch.setattr(truncating, "_KEPT", (4, 1))
     text, cut = run(capsys, *command), json.loads(run(capsys, *command, "--json"))["logical"]
     order = cut["complete_to_order"]
     assert f"to order {order}; larger ones are not known" in text
+    assert "too large, or took too long (more than 400000 nodes, or 8 s of CPU): numbers below are bounds" in text
     assert cut["by_order"] == {its: number for its, number in exact["by_order"].items() if int(its) <= order}
     low, high = cut["probability"]["at_least"], cut["probability"]["at_most"]
     assert low <= exact["probability"]["at_least"]

@@ -24,6 +24,7 @@ from heronry_tools.analysis.reliability.formula import FALSE, TRUE, TooLargeErro
 LAST: Final = 1 << 30  # the variable of the two ends: after all others
 _SHIFT: Final = 26  # bits of a node's number in a key; so a diagram has less than 2^26 nodes
 _FRAMES: Final = 2_000  # frames that callers and other code may use
+_KNOWN_FOR_EACH_NODE: Final = 4  # results of operations that a pool may keep for each node that it may have
 
 
 @contextmanager
@@ -46,10 +47,38 @@ class Diagram:
         self.low: list[int] = [0, 1]
         self.high: list[int] = [0, 1]
         self.made: dict[int, int] = {}
-        self.most_nodes = min(most_nodes, (1 << _SHIFT) - 1)
+        self._known: list[dict[int, int]] = []  # results of operations, by operation
+        self.allow(most_nodes)
 
     def __len__(self) -> int:
         return len(self.variable)
+
+    def allow(self, most_nodes: int) -> None:
+        """Change the limit; what was broken off by TooLargeError can then be begun once more, and goes on."""
+        self.most_nodes = min(most_nodes, (1 << _SHIFT) - 1)
+        self.most_known = _KNOWN_FOR_EACH_NODE * self.most_nodes
+
+    def forget(self) -> None:
+        """Free what only making more nodes needs; none may be made afterwards."""
+        for known in (self.made, *self._known):
+            known.clear()
+
+    def _remembered(self) -> dict[int, int]:
+        self._known.append({})
+        return self._known[-1]
+
+    def _node(self, variable: int, low: int, high: int) -> int:
+        key = ((variable << _SHIFT | high) << _SHIFT) | low
+        node = self.made.get(key)
+        if node is None:
+            node = len(self.variable)
+            if node >= self.most_nodes:
+                raise TooLargeError
+            self.made[key] = node
+            self.variable.append(variable)
+            self.low.append(low)
+            self.high.append(high)
+        return node
 
     def below(self, root: int) -> list[int]:
         """Give the inner nodes below a node, itself included, each after those to which its edges lead."""
@@ -75,37 +104,16 @@ class Bdd(Diagram):
 
     def node(self, variable: int, low: int, high: int) -> int:
         """Give the node that asks `variable`."""
-        if low == high:
-            return low
-        key = ((variable << _SHIFT | high) << _SHIFT) | low
-        node = self.made.get(key)
-        if node is None:
-            node = self.made[key] = len(self.variable)
-            if node >= self.most_nodes:
-                raise TooLargeError
-            self.variable.append(variable)
-            self.low.append(low)
-            self.high.append(high)
-        return node
+        return low if low == high else self._node(variable, low, high)
 
     def at_least(self, least: int, inputs: Sequence[int]) -> int:
         """Give the function that is true iff at least `least` of the inputs are."""
         ordered = sorted(inputs, key=lambda one: -self.variable[one])  # the deepest first: little is made anew
-        if least in (1, len(ordered)):
-            joined, found = (self.either, FALSE) if least == 1 else (self.both, TRUE)
-            for one in ordered:
-                found = joined(found, one)
-            return found
-        held = [TRUE] + [FALSE] * least  # at least 0, 1, ... of the inputs so far
-        for one in ordered:
-            for count in range(least, 0, -1):
-                held[count] = self.either(held[count], self.both(one, held[count - 1]))
-        return held[least]
+        return counted(least, ordered, self.either, self.both)
 
     def _operation(self, neutral: int, absorbing: int) -> Callable[[int, int], int]:
         """Make OR (neutral FALSE, absorbing TRUE) or AND (the other way round) of two diagrams."""
-        variable, lows, highs, made, most = self.variable, self.low, self.high, self.made, self.most_nodes
-        known: dict[int, int] = {}
+        variable, lows, highs, made, known = self.variable, self.low, self.high, self.made, self._remembered()
 
         def joined(one: int, other: int) -> int:
             if other in (one, neutral):
@@ -128,13 +136,14 @@ class Bdd(Diagram):
                 high, low = joined(one, highs[other]), joined(one, lows[other])
             if high == low:
                 node = high
-            else:
+            else:  # as `_node`, without a call: this is where the time goes
                 made_key = ((asked << _SHIFT | high) << _SHIFT) | low
                 node = made.get(made_key)
                 if node is None:
-                    node = made[made_key] = len(variable)
-                    if node >= most:
+                    node = len(variable)
+                    if node >= self.most_nodes or len(known) > self.most_known:
                         raise TooLargeError
+                    made[made_key] = node
                     variable.append(asked)
                     lows.append(low)
                     highs.append(high)
@@ -154,22 +163,10 @@ class Zbdd(Diagram):
 
     def node(self, variable: int, low: int, high: int) -> int:
         """Give the family of the sets of `low`, and those of `high` with `variable` added."""
-        if high == FALSE:
-            return low
-        key = ((variable << _SHIFT | high) << _SHIFT) | low
-        node = self.made.get(key)
-        if node is None:
-            node = self.made[key] = len(self.variable)
-            if node >= self.most_nodes:
-                raise TooLargeError
-            self.variable.append(variable)
-            self.low.append(low)
-            self.high.append(high)
-        return node
+        return low if high == FALSE else self._node(variable, low, high)
 
     def _without(self) -> Callable[[int, int], int]:
-        variable, lows, highs, node = self.variable, self.low, self.high, self.node
-        known: dict[int, int] = {}
+        variable, lows, highs, node, known = self.variable, self.low, self.high, self.node, self._remembered()
 
         def without(family: int, other: int) -> int:
             """Give the sets of a family that contain no set of the other."""
@@ -192,10 +189,23 @@ class Zbdd(Diagram):
                 low, high = lows[other], highs[other]
                 rest = without(highs[family], high)
                 found = node(asked, without(lows[family], low), without(rest, low))
+            if len(known) > self.most_known:
+                raise TooLargeError
             known[key] = found
             return found
 
         return without
+
+
+def counted(
+    least: int, inputs: Sequence[int], either: Callable[[int, int], int], both: Callable[[int, int], int]
+) -> int:
+    """Give what is true iff at least `least` of the inputs are."""
+    held = [TRUE] + [FALSE] * least  # at least 0, 1, ... of the inputs so far
+    for number, one in enumerate(inputs, 1):
+        for count in range(min(least, number), max(0, least - 1 - len(inputs) + number), -1):
+            held[count] = either(held[count], both(one, held[count - 1]))
+    return held[least]
 
 
 def minimal_cut_sets(bdd: Bdd, root: int, most_nodes: int) -> tuple[Zbdd, int]:

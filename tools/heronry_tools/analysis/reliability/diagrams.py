@@ -7,16 +7,18 @@ diagram over its own leaves: events, and other parts, each known by its value al
     set of that part. So counts multiply, and nothing has to be listed to be counted
     parts share no event, so each is one more independent event with a probability of its own
 
-A part whose diagram is too large is truncated if the caller allows it (`truncating`): then there are its sets up to an
-order, and a lower and an upper bound of its probability.
+A part whose diagram is too large, or takes too long, is truncated if the caller allows it (`truncating`): then there
+are its sets up to an order, and a lower and an upper bound of its probability.
 
 Otherwise a probability here is exact but for the rounding of floating point: all terms that are added are positive. The
 probability of the opposite is computed beside it, since 1 - p is not exact where p is nearly 1.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from itertools import islice
 from math import log
+from time import process_time
 from typing import Final
 
 from heronry_tools.analysis.reliability.bdd import Bdd, deep, minimal_cut_sets
@@ -27,8 +29,10 @@ from heronry_tools.analysis.reliability.parts import Part, parts_of
 from heronry_tools.analysis.reliability.simplifying import simplified
 from heronry_tools.analysis.reliability.truncating import bound, sets_to_order, sum_of_sets
 
-MOST_NODES: Final = 400_000  # of one diagram: about 100 MB, and its sets may take as much again
+MOST_NODES: Final = 400_000  # of one diagram: a few hundred MB while it is made, and as much again for its sets
+MOST_SECONDS: Final = 8.0  # of CPU for all exact diagrams
 _MOST_AFTERWARDS: Final = 30_000  # of each diagram after one was too large
+_GATES_BETWEEN_LOOKS: Final = 8  # at the clock
 _BUDGETS: Final = (2_000, 8_000, 30_000, 120_000)  # nodes with which orders are tried, one after the other
 
 Chances = Mapping[str, float]
@@ -39,20 +43,26 @@ class Solution:
     """The minimal cut sets and the probability of one node of a formula."""
 
     def __init__(
-        self, formula: Formula, root: int, most_nodes: int = MOST_NODES, truncate: Chances | None = None
+        self,
+        formula: Formula,
+        root: int,
+        most_nodes: int = MOST_NODES,
+        truncate: Chances | None = None,
+        most_seconds: float = MOST_SECONDS,
     ) -> None:
         """Solve a node.
 
-        truncate: truncate a diagram of more than `most_nodes` nodes so that bounds are close with these probabilities;
-            None: raise TooLargeError if a diagram needs more nodes in every order tried.
+        truncate: truncate a diagram of more than `most_nodes` nodes, and what is left after `most_seconds` of CPU, so
+            that bounds are close with these probabilities; None: raise TooLargeError instead.
         """
+        clock = _Clock(most_seconds)
         self._formula = formula
         self._root, parts = parts_of(formula, simplified(formula, root))
         self._parts: dict[int, Solved] = {}
         left = most_nodes
         for part in parts:
             try:
-                one = _solved(formula, part, [*(budget for budget in _BUDGETS if budget < left), left])
+                one = _solved(formula, part, [*(budget for budget in _BUDGETS if budget < left), left], clock)
                 left = max(min(left, _MOST_AFTERWARDS), left - len(one.bdd))
             except TooLargeError:
                 if truncate is None:
@@ -178,41 +188,54 @@ class Solution:
         return known
 
 
-def _solved(formula: Formula, part: Part, budgets: list[int]) -> Solved:
-    """Make the diagrams of a part; of the orders that fail within a budget, the half that came furthest is kept."""
-    proposed = list(orders(formula, part))
+class _Clock:
+    """Counts the CPU time that is left."""
+
+    def __init__(self, seconds: float) -> None:
+        self._end = process_time() + seconds
+
+    def expect_time(self) -> None:
+        """Raise TooLargeError if none is left."""
+        if process_time() > self._end:
+            raise TooLargeError
+
+
+def _solved(formula: Formula, part: Part, budgets: list[int], clock: _Clock) -> Solved:
+    """Make the diagrams of a part; of the orders that fail within a budget, the half that came furthest goes on."""
+    under_way = [_Building(formula, part, leaves) for leaves in orders(formula, part)]
     with deep(len(part.leaves)):
         for budget in budgets:
-            reached: list[int] = []
-            for leaves in proposed:
-                building = _Building(formula, part, leaves, budget)
-                try:
-                    root = building.root()
-                    sets, family = minimal_cut_sets(building.bdd, root, 2 * budget)
-                except TooLargeError:
-                    reached.append(building.gates)
-                    continue
-                return Solved(part, tuple(leaves), building.bdd, root, sets, family)
-            ranked = sorted(range(len(proposed)), key=lambda one: -reached[one])
-            proposed = [proposed[one] for one in ranked[: max(1, len(ranked) // 2)]]
+            for building in under_way:
+                with suppress(TooLargeError):
+                    return building.go_on(budget, clock)
+                clock.expect_time()
+            under_way.sort(key=lambda one: -one.gates)
+            del under_way[max(1, len(under_way) // 2) :]
     raise TooLargeError
 
 
 class _Building:
     """The decision diagram of a part in one order of its leaves; `gates` tells how many gates it has come by."""
 
-    def __init__(self, formula: Formula, part: Part, leaves: list[int], most_nodes: int) -> None:
-        self._formula, self._part, self._leaves = formula, part, leaves
-        self.bdd, self.gates = Bdd(most_nodes), 0
+    def __init__(self, formula: Formula, part: Part, leaves: list[int]) -> None:
+        self._formula, self._part, self._leaves = formula, part, tuple(leaves)
+        self._bdd, self.gates = Bdd(len(leaves) + 2), 0
+        self._value = {leaf: self._bdd.node(index, FALSE, TRUE) for index, leaf in enumerate(leaves)}
 
-    def root(self) -> int:
-        """Give the diagram of the whole part; raises TooLargeError."""
-        value = {leaf: self.bdd.node(index, FALSE, TRUE) for index, leaf in enumerate(self._leaves)}
-        least, inputs = self._formula.least, self._formula.inputs
-        for gate in self._part.gates:
-            value[gate] = self.bdd.at_least(least[gate], [value[one] for one in inputs[gate]])
+    def go_on(self, most_nodes: int, clock: _Clock) -> Solved:
+        """Make the diagram of the whole part, and its sets; raises TooLargeError, and can go on with more nodes."""
+        self._bdd.allow(most_nodes)
+        least, inputs, value = self._formula.least, self._formula.inputs, self._value
+        for gate in self._part.gates[self.gates :]:
+            value[gate] = self._bdd.at_least(least[gate], [value[one] for one in inputs[gate]])
             self.gates += 1
-        return value[self._part.root]
+            if self.gates % _GATES_BETWEEN_LOOKS == 0:
+                clock.expect_time()
+        root = value[self._part.root]
+        sets, family = minimal_cut_sets(self._bdd, root, 2 * most_nodes)
+        self._bdd.forget()
+        sets.forget()
+        return Solved(self._part, self._leaves, self._bdd, root, sets, family)
 
 
 def _asked(one: Solved) -> Iterator[int]:

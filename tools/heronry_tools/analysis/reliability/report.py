@@ -10,10 +10,13 @@ from typing import Any, Final
 from heronry_dg.model import Spec
 from heronry_manager.planner.sweep import FaultSet, Scope
 from heronry_tools.analysis.reliability.bounds import Bounds, loss_bounds
+from heronry_tools.analysis.reliability.curve import curve_lines
 from heronry_tools.analysis.reliability.cut_sets import CutSets
+from heronry_tools.analysis.reliability.diagrams import MOST_NODES, MOST_SECONDS
 from heronry_tools.analysis.reliability.mission import Reliability
 
-_POINTS: Final = 20  # of R(t)
+_POINTS: Final = 20  # of R(t) in JSON
+_COLUMNS: Final = 48  # steps of R(t) in the text
 _MOST_IMPORTANT: Final = 5  # elements whose importance the text has
 _FEW: Final = 4  # elements without a rate that are named
 
@@ -56,7 +59,7 @@ class Findings:
         """Tell whether a cut set is known of which each element has a rate or a probability."""
         if sets is not None:
             return any(self.logic.hazards.known() >= down for down in sets)
-        return self.logic.loss(1e9) > 0.0
+        return self.logic.loss_at_most(1e9) > 0.0
 
     def loss(self, hours: float) -> Bounds:
         """Give the probability of loss by logic."""
@@ -93,6 +96,9 @@ def _logical_lines(found: Findings) -> Iterator[str]:
     upto = found.logic.sets.order
     extent = "in all" if upto is None else f"to order {upto}; larger ones are not known"
     yield f"logical: {_counted(total)}" + (f" {extent} ({orders})" if total else "" if upto is None else f" {extent}")
+    if not found.logic.exact:
+        limits = f"more than {MOST_NODES} nodes, or {MOST_SECONDS:g} s of CPU"
+        yield f"  its diagram is too large, or took too long ({limits}): numbers below are bounds"
     listed = found.logical
     if found.likeliest:
         chances = found.element_chances(found.hours)
@@ -111,6 +117,8 @@ def _probability_lines(found: Findings) -> Iterator[str]:
     mean = found.logic.mean_time_to_failure()
     what = "exact" if not unknown and found.logic.exact else "upper"
     yield f"mean time to loss: {'infinite' if isinf(mean) else f'{mean:.4g} h'} ({what}; without repair)"
+    yield f"R(t) by logic ({what}):"
+    yield from curve_lines([found.logic.loss(found.hours * n / _COLUMNS) for n in range(_COLUMNS + 1)], found.hours)
     most = list(found.logic.importance(found.hours).items())[:_MOST_IMPORTANT]
     shares = ", ".join(f"{name} {its.fussell_vesely:.1%}" for name, its in most if its.fussell_vesely > 0.0)
     of_what = "" if found.logic.exact else ", of the lower bound"

@@ -17,7 +17,7 @@ from typing import Final
 from heronry_tools.analysis.reliability.formula import FALSE, LEAF, TRUE, Formula
 
 _ROUNDS: Final = 6
-_EFFORT: Final = 80_000  # nodes that are looked at without a gain until moving nodes up ends
+_EFFORT: Final = 40_000  # nodes that are looked at without a gain until moving nodes up ends
 
 
 def simplified(formula: Formula, root: int) -> int:
@@ -100,7 +100,7 @@ def _decided(formula: Formula, root: int) -> int:
     nodes = formula.below(root)
     readers = _readers(formula, nodes)
     size, effort = _edges(formula, root), _EFFORT
-    for node in reversed(nodes):
+    for node in sorted(nodes, key=lambda one: (-len(readers[one]), -one)):  # most is gained where most is read
         for value in (TRUE, FALSE):
             if len(readers.get(node, ())) < 2 or effort < 0:
                 break

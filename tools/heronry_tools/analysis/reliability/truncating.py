@@ -11,10 +11,10 @@ with which the nodes are chosen only decide how close the bounds are. There is a
 of all sets of up to N leaves, added up, and the probability that more than N leaves are true. The lower one is taken.
 """
 
-from collections.abc import Callable, Mapping, Sequence, Sized
+from collections.abc import Mapping, Sequence, Sized
 from typing import Final
 
-from heronry_tools.analysis.reliability.bdd import Bdd, Zbdd, deep
+from heronry_tools.analysis.reliability.bdd import Bdd, Zbdd, counted, deep
 from heronry_tools.analysis.reliability.formula import FALSE, TRUE, Formula, TooLargeError
 from heronry_tools.analysis.reliability.parts import Part
 
@@ -117,19 +117,8 @@ def _short(formula: Formula, part: Part, leaves: Sequence[int], sets: ShortSets,
     value = {leaf: sets.node(index, FALSE, TRUE) for index, leaf in enumerate(leaves)}
     for gate in part.gates:
         inputs = [value[one] for one in formula.inputs[gate]]
-        value[gate] = _counted(formula.least[gate], inputs, sets.either, lambda a, b: sets.both(a, b, order))
+        value[gate] = counted(formula.least[gate], inputs, sets.either, lambda a, b: sets.both(a, b, order))
     return value[part.root]
-
-
-def _counted(
-    least: int, inputs: Sequence[int], either: Callable[[int, int], int], both: Callable[[int, int], int]
-) -> int:
-    """Give what is true iff at least `least` of the inputs are."""
-    held = [TRUE] + [FALSE] * least  # at least 0, 1, ... of the inputs so far
-    for number, one in enumerate(inputs, 1):
-        for count in range(min(least, number), max(0, least - 1 - len(inputs) + number), -1):
-            held[count] = either(held[count], both(one, held[count - 1]))
-    return held[least]
 
 
 def bound(formula: Formula, part: Part, leaves: Sequence[int], known: Known, constant: int) -> tuple[Bdd, int]:
@@ -159,7 +148,7 @@ class _Bounding:
         last = {one: gate for gate in part.gates for one in formula.inputs[gate]}  # the last gate that reads a node
         for gate in part.gates:
             inputs = sorted((value[one] for one in formula.inputs[gate]), key=lambda one: -self._bdd.variable[one])
-            value[gate] = _counted(formula.least[gate], inputs, self._either, self._both)
+            value[gate] = counted(formula.least[gate], inputs, self._either, self._both)
             value = {node: its for node, its in value.items() if node == part.root or last[node] > gate}
             if 3 * len(self._bdd) > self._bdd.most_nodes:
                 value = self._moved(value)
