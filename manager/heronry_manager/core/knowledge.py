@@ -1,8 +1,7 @@
 """What a manager knows until it falls silent, or becomes a standby manager: then the manager forgets it.
 
-When the manager forgets, a new object replaces each object of this list, except `details`. The new objects begin with
-what `memory` holds. The other parts of the core keep a reference to `Knowledge`, but none to these objects, so they
-always use the present ones.
+The objects stay the same for as long as the manager runs. When the manager forgets, each begins anew, with what
+`memory` holds. Whoever needs one of them is given it once.
 
     health          which PEs are available
     exclusion       what silent PEs may still drive
@@ -36,20 +35,12 @@ class Knowledge:
     """The objects of the core that hold what the manager knows."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
+        """Make each object after those that it needs."""
         self._settings, self._turn, self._claim = settings, turn, claim
-        self.details = PeDetails(settings, turn, claim)
-        self.begin()
-
-    def begin(self) -> None:
-        """Forget what this manager knows, except what `memory` and `details` hold.
-
-        New objects replace all objects but `details`, and begin with what `memory` holds.
-        """
-        settings, turn, spec, key = self._settings, self._turn, self._settings.spec, self._settings.key
+        spec, key, compiler, on_board = settings.spec, settings.key, settings.compiler, settings.on_board
         self.health = Health(spec, turn.now_ns, settings.window_ns)
         self.exclusion = Exclusion(spec, tells_departures=settings.tells_departures)
         self.situation = KnownSituation(spec, turn, self.health)
-        compiler, on_board = settings.compiler, settings.on_board
         self.deployment = Deployment(
             turn,
             spec,
@@ -61,13 +52,27 @@ class Knowledge:
         )
         self.advice = Advice(turn, self.health, self.deployment)
         self.following = Following(
-            *(spec, turn, self.situation, self.exclusion, settings.window_ns), compiler=compiler, on_board=on_board
+            spec, turn, self.situation, self.exclusion, settings.window_ns, compiler=compiler, on_board=on_board
         )
         self.held_outputs = HeldOutputs(spec, turn, self.health, self.deployment)
         self.script = HeldScript(spec, turn)
         self.authenticity: Authenticity | None = None
         if key is not None:
-            self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=self._claim.speaks)
+            self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=claim.speaks)
+        self.details = PeDetails(settings, turn, claim)
+
+    def forget(self) -> None:
+        """Forget what this manager knows, except what `memory` and `details` hold."""
+        self.health.forget(self._turn.now_ns)
+        self.exclusion.forget()
+        self.situation.forget()  # after `health`: a PE with a remembered fault is barred there
+        self.deployment.forget()
+        self.advice.forget()
+        self.following.forget()
+        self.held_outputs.forget()
+        self.script.forget()
+        if self.authenticity is not None:
+            self.authenticity.forget()
 
     def _digest_of(self, epoch: int) -> int | None:
         """Give the digest of an epoch of this manager, or of a manager that it followed.

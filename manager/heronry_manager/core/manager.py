@@ -43,13 +43,17 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, module_of
 from heronry_manager import events
 from heronry_manager.core.epochs.numbering import next_term
+from heronry_manager.core.heartbeat.beat import Beat
 from heronry_manager.core.intake.inbound import Inbound
 from heronry_manager.core.intake.operator_orders import OperatorOrders, module_problem
-from heronry_manager.core.intake.parts import Parts
 from heronry_manager.core.intake.pe_reports import PeReports
+from heronry_manager.core.intake.reactions import Reactions
 from heronry_manager.core.intake.succession import Succession
-from heronry_manager.core.mastership.claim import Mastership
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.mastership.claim import Claim, Mastership
 from heronry_manager.core.memory import Memory
+from heronry_manager.core.planning.replanning import Replanning
+from heronry_manager.core.planning.requests import PlanRequests
 from heronry_manager.core.reports.pe_details import Look
 from heronry_manager.core.reports.status import status
 from heronry_manager.core.settings import ManagerSettings
@@ -108,7 +112,14 @@ class ManagerCore:
         settings = ManagerSettings(
             spec,
             compiler or Compiler(spec),
-            *(node, window_ns, advise, on_board, key, standby, tells_departures, reads_objects),
+            node,
+            window_ns=window_ns,
+            advise=advise,
+            on_board=on_board,
+            key=key,
+            standby=standby,
+            tells_departures=tells_departures,
+            reads_objects=reads_objects,
         )
         self._settings = settings
         self.alive_id = management_id(node, Command.ALIVE)
@@ -116,12 +127,18 @@ class ManagerCore:
         self.lease_ns = settings.lease_ns  # T_lease; the driver drops a frame that could not be sent for so long
         self._longest_gap_ns = late_ns(settings.bus.heartbeat_ns)  # between two steps while active, without a pause
         turn = self._turn = Turn(node, now_ns, term=next_term(node, memory.term), memory=memory, silent=advise)
-        parts = Parts(settings, turn)
-        self._claim, self._known, self._beat = parts.claim, parts.known, parts.beat
-        self._replanning, self._reactions, self._details = parts.replanning, parts.reactions, parts.known.details
-        self._succession = Succession(parts)
-        self._inbound = Inbound(parts, PeReports(parts), self._succession)
-        self._orders = OperatorOrders(settings, turn, parts.known, parts.replanning.planning)
+        claim = self._claim = Claim(settings, turn)
+        known = self._known = Knowledge(settings, turn, claim)
+        self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
+        self._deployment, self._following, self._details = known.deployment, known.following, known.details
+        requests = PlanRequests(turn)
+        beat = self._beat = Beat(settings, turn, known)
+        replanning = self._replanning = Replanning(settings, turn, claim, known, requests)
+        reactions = self._reactions = Reactions(turn, claim, known, beat, replanning)
+        reports = PeReports(settings, turn, claim, known, beat, replanning, reactions)
+        self._succession = Succession(settings, turn, claim, known, beat, replanning, reactions)
+        self._inbound = Inbound(settings, turn, claim, known, reports, reactions, self._succession)
+        self._orders = OperatorOrders(settings, turn, known, requests)
         self._journal_problem: str | None = None
         turn.emit(
             events.ManagerStarted,
@@ -130,7 +147,7 @@ class ManagerCore:
             node=node,
             term=turn.term,
             bus=settings.bus.name,
-            phase=parts.known.situation.phase,
+            phase=known.situation.phase,
             advises=advise,
             key=None if key is None else key.fingerprint,
         )
@@ -151,12 +168,12 @@ class ManagerCore:
     @property
     def plan(self) -> Plan | None:
         """The plan of the current epoch: the last one that was activated or adopted; None: there is none."""
-        return self._known.deployment.plan
+        return self._deployment.plan
 
     @property
     def now(self) -> Situation:
         """The situation as this manager knows it."""
-        return self._known.situation.now()
+        return self._situation.now()
 
     def hears(self, identifier: int) -> bool:
         """Tell whether the manager uses frames with this identifier; a driver may drop all others."""
@@ -168,7 +185,7 @@ class ManagerCore:
             return []
         gap_ns = now_ns - self._turn.now_ns
         if gap_ns > self._longest_gap_ns:
-            self._known.exclusion.slept(gap_ns)
+            self._exclusion.slept(gap_ns)
         self._turn.now_ns = now_ns
         match event:
             case Received(frame=frame):
@@ -185,7 +202,7 @@ class ManagerCore:
                 JournalTold() | AliveLeft() | ChannelsLost() | StoodStill()
             ):  # pragma: no branch - nothing else is left
                 self._driver_told(event)
-        if self._claim.state is Mastership.STANDBY and self._known.following.is_orphaned():
+        if self._claim.state is Mastership.STANDBY and self._following.is_orphaned():
             self._succession.take_over()
         if self._claim.is_active:
             self._beat.leave_out()
@@ -195,21 +212,21 @@ class ManagerCore:
 
     def next_deadline_ns(self) -> int | None:
         """Give the time (ns) at which the driver must call `step` with Tick at the latest; None: no call is needed."""
-        state, known, due_ns = self._claim.state, self._known, self._inbound.identification.next_ns
+        state, due_ns = self._claim.state, self._inbound.next_ns
         if state is Mastership.RETIRED:
             return None
         if state is Mastership.LISTENING:
             until_ns = self._claim.listens_until_ns
             return until_ns if due_ns == NEVER_NS else min(due_ns, until_ns or due_ns)
         if state is Mastership.STANDBY:
-            other_ns = known.following.next_deadline_ns()
+            other_ns = self._following.next_deadline_ns()
         else:
-            due_ns = min(due_ns, self._beat.beacon.next_ns, known.deployment.next_deadline_ns())
-            due_ns = min(due_ns, self._details.reader.next_ns)
-            other_ns = self._replanning.planning.again_ns
+            due_ns = min(due_ns, self._beat.next_ns, self._deployment.next_deadline_ns())
+            due_ns = min(due_ns, self._details.next_ns)
+            other_ns = self._replanning.again_ns
         if other_ns is not None:
             due_ns = min(due_ns, other_ns)
-        health_ns = known.health.next_deadline_ns()
+        health_ns = self._health.next_deadline_ns()
         return due_ns if health_ns is None else min(due_ns, health_ns)
 
     def validate(self) -> None:
@@ -218,25 +235,25 @@ class ManagerCore:
         self._known.validate()
 
     def _tick(self) -> None:
-        claim, known, now_ns = self._claim, self._known, self._turn.now_ns
+        claim, now_ns = self._claim, self._turn.now_ns
         self._inbound.tick()
         if claim.may_begin():
             self._succession.begin_term()
         if claim.state in (Mastership.LISTENING, Mastership.RETIRED):
             return
-        self._reactions.take(known.health.tick(now_ns))
-        hears_no_pe = known.health.hears_no_pe(now_ns)
+        self._reactions.take(self._health.tick(now_ns))
+        hears_no_pe = self._health.hears_no_pe(now_ns)
         if hears_no_pe:
             self._reactions.discount_losses()
         if self._succession.is_over(hears_no_pe=hears_no_pe):
             self._succession.fall_silent()
         elif claim.is_active:
-            for pe in known.deployment.tick():
+            for pe in self._deployment.tick():
                 self._reactions.fail(pe, "it does not acknowledge")
             if self._beat.is_due():
                 self._beat.beat()
             self._replanning.tick()
-            self._details.reader.tick(now_ns)
+            self._details.tick()
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
         """Answer a question or execute an order of the operator; a manager that listens or stands by refuses orders."""
@@ -249,14 +266,14 @@ class ManagerCore:
 
     def _execute(self, number: int, order: OrderToExecute) -> Reply:
         if self._claim.state is Mastership.STANDBY:
-            where = f"give the order to manager {self._known.following.node}"
+            where = f"give the order to manager {self._following.node}"
             return Reply(number, done=False, sentence=f"this is a standby manager: {where}")
         if self._claim.state is Mastership.LISTENING:
             return Reply(
                 number, done=False, sentence="the manager has just started and still listens to the bus: try again"
             )
-        if self._known.deployment.is_held() and not isinstance(order, FailElement):
-            why = self._known.deployment.other_tables.why()
+        if self._deployment.is_held() and not isinstance(order, FailElement):
+            why = self._deployment.why_held()
             remedy = "'heronry status' says what to do, and 'heronry fail pe:NAME' gives up a PE"
             return Reply(number, done=False, sentence=f"{why}, so nothing is commanded: {remedy}")
         outcome = self._orders.accept(order)
@@ -269,7 +286,7 @@ class ManagerCore:
     def _status_for_operator(self) -> dict[str, Any]:
         """Give the status; also read from the PEs how often they stood still, for the next status."""
         for pe in self._settings.spec.pes:
-            if self._known.health.is_available(pe):
+            if self._health.is_available(pe):
                 self._details.look_at_standstills(pe, Look.SHOW)
         return self.status()
 
@@ -295,7 +312,7 @@ class ManagerCore:
             case AliveLeft(frame):
                 self._beat.alive_left(frame)
             case ChannelsLost(channels):
-                self._known.situation.channels.own(channels)
+                self._situation.own_channels_lost(channels)
             case StoodStill():  # pragma: no branch - nothing else is left
                 self._details.stood_still(event)
 
@@ -314,7 +331,7 @@ class ManagerCore:
             "term": self._turn.term,
             "state": self._claim.state.value,
             "advises": self._settings.advise,
-            "planning": self._replanning.planning.waiting,
+            "planning": self._replanning.is_waiting,
             "journal": self._journal_problem,
             "key": None if key is None else key.fingerprint,
             "standstills": self._details.own_standstills(),
@@ -325,9 +342,9 @@ class ManagerCore:
             self._settings.spec,
             self._turn.now_ns,
             manager=manager,
-            health=known.health,
-            situation=known.situation,
-            deployment=known.deployment,
+            health=self._health,
+            situation=self._situation,
+            deployment=self._deployment,
             script=known.script.status(),
             unknown_epoch=None if self._claim.state is Mastership.STANDBY else known.unknown_epoch(),
             authenticity=known.authenticity,

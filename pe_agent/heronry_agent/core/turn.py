@@ -17,8 +17,15 @@ class Turn:
     """What all parts of the agent share during one call of the core."""
 
     __slots__ = (
-        *("arrived_ns", "counts", "held_until_ns", "now_ns", "out", "rewired", "standstills"),
-        *("wants_page_0", "wants_page_1"),
+        "arrived_ns",
+        "counts",
+        "held_until_ns",
+        "now_ns",
+        "out",
+        "rewired",
+        "standstills",
+        "wants_page_0",
+        "wants_page_1",
     )
 
     def __init__(self, now_ns: int, period_ns: int = USUAL_HEARTBEAT_NS) -> None:

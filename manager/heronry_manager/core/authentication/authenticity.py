@@ -172,7 +172,13 @@ class Authenticity:
             A standby manager knows the epochs of the manager that it follows.
         speaks: tells whether this manager sends LEASE; only a manager that sends LEASE sends RENEW.
         """
-        self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
+        self._spec, self._turn, self._key = spec, turn, key
+        self._digest_of, self._speaks = digest_of, speaks
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all sessions, and what waits for a proof."""
+        spec, turn, key = self._spec, self._turn, self._key
         self._signer = CommandSigner(key, turn.node, turn.term)
         self._managers = CommandVerifier(key, t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns), seek=True)
         periods_ns = {pe: spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes}

@@ -24,6 +24,10 @@ class Advice:
 
     def __init__(self, turn: Turn, health: Health, deployment: Deployment) -> None:
         self._turn, self._health, self._deployment = turn, health, deployment
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what was advised."""
         self._advised: tuple[Plan, int] | None = None  # the last advised plan, and its digest
 
     def advise(self, plan: Plan, unknown: int | None, overheard: Runs | None) -> None:
@@ -34,11 +38,9 @@ class Advice:
         overheard: the configuration that another manager was heard to activate. If `unknown` is the epoch of this
             configuration, nothing is reported, since `follow` will adopt the epoch.
         """
-        self._advised = plan, self._deployment.epochs.compiled(plan.configuration).digest
+        self._advised = plan, self._deployment.compiled_digest(plan.configuration)
         if unknown is None:
-            current = self._deployment.current
-            before = None if current is None else current.configuration
-            change = module_changes(before, plan.configuration)
+            change = module_changes(self._deployment.configuration, plan.configuration)
             self._turn.emit(
                 events.Advice,
                 plan=plan.told(),

@@ -42,6 +42,7 @@ only advises reports what it would do, and adopts what the PEs run (`advice`).
 
 from collections.abc import Iterable, Mapping
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan
@@ -84,12 +85,22 @@ class Deployment:
     ) -> None:
         """Begin without epochs; `Epochs` explains `compiler`, `on_board` and `frames_per_command`."""
         self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
+        self._compiler, self._on_board, self._frames_per_command = compiler, on_board, frames_per_command
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all epochs, and what the PEs have reported; only what is remembered over a restart is known."""
+        turn, spec, health, exclusion = self._turn, self._spec, self._health, self._exclusion
         self.observed = Observations(spec.pes)
         self.epochs = Epochs(
-            *(turn, spec, health, exclusion, self.observed),
-            compiler=compiler,
-            on_board=on_board,
-            frames_per_command=frames_per_command,
+            turn,
+            spec,
+            health,
+            exclusion,
+            self.observed,
+            compiler=self._compiler,
+            on_board=self._on_board,
+            frames_per_command=self._frames_per_command,
         )
         self._adoption = Adoption(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
         self._activation = Activation(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
@@ -114,6 +125,19 @@ class Deployment:
     def plan(self) -> Plan | None:
         """The plan of the current epoch; None: there is no current epoch."""
         return self.current.plan if self.current is not None else None
+
+    @property
+    def configuration(self) -> Configuration | None:
+        """The configuration of the current epoch; None: there is no current epoch."""
+        return self.current.configuration if self.current is not None else None
+
+    def is_at_rest(self) -> bool:
+        """Tell whether the current epoch runs everywhere, and no other is being prepared."""
+        return self.current is not None and self.current.stage is Stage.DONE and self.next is None
+
+    def compiled_digest(self, configuration: Configuration) -> int:
+        """Give the digest that an epoch with this configuration has."""
+        return self.epochs.compiled(configuration).digest
 
     def unknown_epoch(self, leased: int) -> int | None:
         """Give the newest epoch that PEs run or another manager's LEASE names, if this manager has no current epoch.
@@ -237,9 +261,17 @@ class Deployment:
         """Tell whether no epoch may be opened, because PEs fly with another table."""
         return self.current is None and bool(self.other_tables.flying())
 
+    def why_held(self) -> str:
+        """Say why no epoch is opened, while `is_held`."""
+        return self.other_tables.why()
+
     def is_active(self, pe: str) -> bool:
         """Tell whether the last state of a PE reports ACTIVE: it runs all of its slice."""
         return self.observed.of[pe].state is PeState.ACTIVE
+
+    def joined(self, pe: str) -> None:
+        """Note that a PE is available again, and must be configured anew by this manager."""
+        self.observed.joined(pe)
 
     def lost(self, pe: str) -> None:
         """Forget the reports of a PE that is no longer available; the current epoch waits for it no longer."""

@@ -37,6 +37,10 @@ class HeldOutputs:
         self._turn, self._health, self._deployment = turn, health, deployment
         self._exclusive = spec.exclusive_things().keys()
         self._lease_ns = {pe: t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes}
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what the PEs have reported."""
         self._held: dict[str, _Held] = {}
 
     def reported(self, pe: str, page: StatePage0) -> None:

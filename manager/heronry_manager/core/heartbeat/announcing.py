@@ -18,12 +18,11 @@ fact hears it again later. It drops a fact that it has not heard for some turns 
 """
 
 from heronry_dg.model import Spec
+from heronry_manager.core.situation.changed_priorities import Fact
 from heronry_manager.core.situation.held_script import HeldScript
 from heronry_manager.core.situation.known_situation import KnownSituation
 from heronry_wire.management import ElementKind, Operation
 from heronry_wire.protocol_times import ANNOUNCED_EVERY
-
-Fact = tuple[Operation, int, int]  # operation, a and b of CONTROL
 
 
 class Announcer:
@@ -53,10 +52,7 @@ class Announcer:
 
     def look(self) -> list[Fact]:
         """List the facts that hold now, and forget all others: a fact that holds again later counts as new."""
-        fields = map(self._situation.failed.field, self._situation.failed.elements)
-        held = sorted(field for field in fields if field is not None)
-        facts = self._phase() + [(Operation.HOLDS, *field) for field in held]
-        facts += self._situation.priorities.facts()
+        facts = self._phase() + self._situation.facts()
         if self._script.target is not None:
             facts.append((Operation.HOLDS, ElementKind.SCRIPT, 0))
         self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}

@@ -41,31 +41,34 @@ class Beat:
     """Sends the beats of an active manager, and the frames that cannot wait for a beat: ALIVE, PING and facts."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge) -> None:
-        self._settings, self._turn, self._known = settings, turn, known
+        self._settings, self._turn = settings, turn
+        self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
+        self._deployment, self._script = known.deployment, known.script
         self.begin()
 
     def begin(self) -> None:
         """Begin to send beats in a new term: the first one is due now."""
         settings = self._settings
-        self.beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
-        self._announcer = Announcer(settings.spec, self._known.situation, self._known.script)
+        self._beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
+        self._announcer = Announcer(settings.spec, self._situation, self._script)
         self._has_to_leave_out = False  # the last ALIVE named a PE that is no longer available
+
+    @property
+    def next_ns(self) -> int:
+        """Time (ns) at which the next beat is due."""
+        return self._beacon.next_ns
 
     def is_due(self) -> bool:
         """Tell whether the next beat is due."""
-        return self._turn.now_ns >= self.beacon.next_ns
+        return self._turn.now_ns >= self._beacon.next_ns
 
     def beat(self) -> None:
         """Send a beat: LEASE, ALIVE, a PING to each suspect PE, and one fact to a standby manager, if a fact is due."""
-        known, now_ns = self._known, self._turn.now_ns
-        known.situation.channels.beat()
-        known.situation.disagreements.beat()
-        known.situation.unknown_reports.beat()
-        known.situation.unknown_outputs.beat()
-        known.situation.suspicions.beat()
-        suspects = [pe for pe in known.health.available() if known.health.standing(pe) is Standing.SUSPECT]
-        lease = known.deployment.lease()
-        self._turn.ask(*self.beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
+        now_ns = self._turn.now_ns
+        self._situation.beat()
+        suspects = [pe for pe in self._health.available() if self._health.standing(pe) is Standing.SUSPECT]
+        lease = self._deployment.lease()
+        self._turn.ask(*self._beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
         fact = self._announcer.next()
         if fact is not None:
             self._tell(*fact)
@@ -73,7 +76,7 @@ class Beat:
 
     def ping(self, pe: str) -> None:
         """Send a PING to a PE; the PE answers with its state."""
-        self._turn.ask(self.beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
+        self._turn.ask(self._beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
 
     def must_leave_out(self) -> None:
         """Note that a PE named in the last ALIVE is no longer available: `leave_out` will send another ALIVE."""
@@ -85,7 +88,7 @@ class Beat:
         T_lease of this PE begins when the new ALIVE is on the bus.
         """
         if self._has_to_leave_out:
-            self._turn.ask(self.beacon.alive(self._turn.term, self._named()))
+            self._turn.ask(self._beacon.alive(self._turn.term, self._named()))
 
     def alive_left(self, frame: Frame) -> None:
         """Note that an ALIVE of this manager is on the bus.
@@ -93,7 +96,7 @@ class Beat:
         T_lease begins now for each PE that an earlier ALIVE may have named, and that this ALIVE is the first
         not to name.
         """
-        exclusion, pes = self._known.exclusion, self._settings.spec.pes
+        exclusion, pes = self._exclusion, self._settings.spec.pes
         if not exclusion.waits:
             return
         alive = decode_command(Command.ALIVE, frame.data)
@@ -107,15 +110,15 @@ class Beat:
 
     def tell_priority(self, index: int) -> None:
         """Announce the priority of the function with this index to a standby manager immediately."""
-        self._tell(*self._known.situation.priorities.told(index))
+        self._tell(*self._situation.priority_fact_at(index))
 
     def look(self) -> None:
         """Check which facts hold now, so that a fact that ends and holds again is announced as a new fact."""
         self._announcer.look()
 
     def _named(self) -> frozenset[int]:
-        named = [*self._known.health.available(), *self._known.health.awaited_again()]
-        self._known.exclusion.named(named, self._turn.now_ns)
+        named = [*self._health.available(), *self._health.awaited_again()]
+        self._exclusion.named(named, self._turn.now_ns)
         self._has_to_leave_out = False
         return self._nodes(named)
 
@@ -134,12 +137,12 @@ class Beat:
             for pe, request in self._turn.memory.phase_requests.items():
                 self._tell_one_accepted(pe, request.incarnation, ElementKind.PHASE, request.number)
         elif kind == ElementKind.PRIORITY:
-            for wanted in self._known.situation.priorities.accepted(index):
+            for wanted in self._situation.accepted_requests(index):
                 number = index * PRIORITY_REQUEST_NUMBERS + wanted.number
                 self._tell_one_accepted(wanted.pe, wanted.incarnation, ElementKind.PRIORITY, number)
 
     def _tell_one_accepted(self, pe: str, incarnation: int, kind: ElementKind, number: int) -> None:
-        if self._known.health.said_incarnation(pe, self._turn.now_ns) == incarnation:
+        if self._health.said_incarnation(pe, self._turn.now_ns) == incarnation:
             node = self._settings.spec.pes[pe].node_id
             accepted = Control(self._turn.term, node, Operation.ACKNOWLEDGE, kind, number)
             self._turn.send(Command.CONTROL, accepted)

@@ -6,7 +6,6 @@ decided. It has no state of its own.
     inbound ─► pe_reports ─► reactions           a frame of a PE, what it reports, what follows from that
        └─────► succession                        a command of another manager
     operator_orders                              an order of the operator, and the sentence that answers it
-    parts                                        the objects that these files tell
 
 *Who may change it.* Nobody: everything that counts stands in `knowledge` and in `mastership`.
 

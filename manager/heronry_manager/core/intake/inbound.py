@@ -17,10 +17,13 @@ decoded.
 The file that processes a frame says what follows if the frame is late, doubled or forged.
 """
 
-from heronry_manager.core.intake.parts import Parts
 from heronry_manager.core.intake.pe_reports import PeReports
+from heronry_manager.core.intake.reactions import Reactions
 from heronry_manager.core.intake.succession import Succession
-from heronry_manager.core.mastership.claim import Mastership
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.mastership.claim import Claim, Mastership
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import (
@@ -42,11 +45,20 @@ _NEEDS_NO_TAG = (Command.PREPARE, Command.SLICE)
 class Inbound:
     """Decodes each received frame, and hands it to the part of the manager that deals with it."""
 
-    def __init__(self, parts: Parts, reports: PeReports, succession: Succession) -> None:
-        settings = parts.settings
-        self._is_advising, self._turn, self._claim, self._known = settings.advise, parts.turn, parts.claim, parts.known
-        self._reports, self._reactions, self._succession = reports, parts.reactions, succession
-        self.identification = IdentificationService(settings.node)  # its deadline is that of `tick`
+    def __init__(
+        self,
+        settings: ManagerSettings,
+        turn: Turn,
+        claim: Claim,
+        known: Knowledge,
+        reports: PeReports,
+        reactions: Reactions,
+        succession: Succession,
+    ) -> None:
+        self._is_advising, self._turn, self._claim = settings.advise, turn, claim
+        self._situation, self._authenticity, self._details = known.situation, known.authenticity, known.details
+        self._reports, self._reactions, self._succession = reports, reactions, succession
+        self._identification = IdentificationService(settings.node)
         pes = settings.spec.pes.values()
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in pes}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in pes}
@@ -65,7 +77,7 @@ class Inbound:
             identifier in self._pe_of_state_id
             or identifier in self._pe_of_emcy_id
             or identifier in self._manager_ids
-            or identifier in self._known.situation.links.records
+            or self._situation.is_of_a_radio(identifier)
             or identifier == REQUEST_ID
             or identifier in self._node_of_sdo_id
             or identifier in self._node_of_sdo_request
@@ -80,26 +92,31 @@ class Inbound:
             self._state(pe, frame.data)
         elif frame.can_id in self._pe_of_emcy_id:
             self._emergency(self._pe_of_emcy_id[frame.can_id], frame.data)
-        elif frame.can_id in self._known.situation.links.records:
-            self._reactions.take(self._known.situation.link_reported(frame))
+        elif self._situation.is_of_a_radio(frame.can_id):
+            self._reactions.take(self._situation.link_reported(frame))
         elif frame.can_id == REQUEST_ID:
-            self.identification.asked(0, frame, self._turn.now_ns)
+            self._identification.asked(0, frame, self._turn.now_ns)
         elif frame.can_id in self._node_of_sdo_id:
-            self._known.details.reader.heard(self._node_of_sdo_id[frame.can_id], frame.data, self._turn.now_ns)
+            self._details.heard(self._node_of_sdo_id[frame.can_id], frame.data)
         elif frame.can_id in self._node_of_sdo_request:
-            self._known.details.reader.heard_other(self._node_of_sdo_request[frame.can_id], self._turn.now_ns)
+            self._details.heard_other(self._node_of_sdo_request[frame.can_id])
         elif frame.can_id in self._manager_ids:
             self._command(*self._manager_ids[frame.can_id], frame)
 
+    @property
+    def next_ns(self) -> int:
+        """Time (ns) at which to call `tick`; NEVER_NS: no answer is due."""
+        return self._identification.next_ns
+
     def tick(self) -> None:
         """Send the answer to a request for identification, if an answer is due."""
-        self._turn.ask(*self.identification.tick(self._turn.now_ns))
+        self._turn.ask(*self._identification.tick(self._turn.now_ns))
 
     def _state(self, pe: str, data: bytes) -> None:
         page = decode_state(data)
         if isinstance(page, Malformed):
             return
-        authenticity = self._known.authenticity
+        authenticity = self._authenticity
         if authenticity is None:
             self._reports.page(pe, page)
             return
@@ -116,7 +133,7 @@ class Inbound:
 
     def _emergency(self, pe: str, data: bytes) -> None:
         emergency = decode_emergency(data)
-        authenticity = self._known.authenticity
+        authenticity = self._authenticity
         if isinstance(emergency, Emergency) and emergency.kind is ElementKind.CHANNEL:
             self._reports.lost_channel(pe, emergency)
         elif authenticity is None:
@@ -125,7 +142,7 @@ class Inbound:
             authenticity.hold_emergency(pe, data)
 
     def _command(self, node: int, command: Command, frame: Frame) -> None:
-        authenticity = self._known.authenticity
+        authenticity = self._authenticity
         if authenticity is None or command in _NEEDS_NO_TAG:
             self._succession.heard(node, decode_command(command, frame.data))
         if authenticity is None:

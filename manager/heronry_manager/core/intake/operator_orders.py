@@ -31,11 +31,10 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_function, checked_phase, module_of
 from heronry_dg.verify import verify
-from heronry_manager.core.epochs.reconfiguration import Stage
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.planning.requests import Planning
+from heronry_manager.core.planning.requests import PlanRequests
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.situation.known_situation import Changes, TargetAsked, TargetReleased
+from heronry_manager.core.situation.changes import Changes, TargetAsked, TargetReleased
 from heronry_manager.core.situation.latched_faults import OPERATOR_CODE, LatchedFault
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import (
@@ -84,9 +83,10 @@ def module_problem(spec: Spec, element: str) -> str | None:
 class OperatorOrders:
     """Carries out the orders of the operator."""
 
-    def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge, planning: Planning) -> None:
+    def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge, requests: PlanRequests) -> None:
         self._spec, self._has_key = settings.spec, settings.key is not None
-        self._turn, self._known, self._planning = turn, known, planning
+        self._turn, self._requests = turn, requests
+        self._situation, self._deployment, self._script = known.situation, known.deployment, known.script
 
     def accept(self, order: OrderToExecute) -> Outcome:
         """Carry out an order.
@@ -113,16 +113,15 @@ class OperatorOrders:
             return Outcome(False, str(error), is_unusable=True)
 
     def _enter(self, phase: str) -> Outcome:
-        before = self._known.situation.phase
+        before = self._situation.phase
         if phase == before:
             return Outcome(True, f"the phase is {phase} already")
-        changes = self._known.situation.enter(phase, OPERATOR)
+        changes = self._situation.enter(phase, OPERATOR)
         follows = self._what_follows("a plan for it is on its way")
         return Outcome(True, f"the phase is {phase} from now on, it was {before}; {follows}", changes)
 
     def _set_priority(self, function: str, priority: int | None) -> Outcome:
-        priorities = self._known.situation.priorities
-        if not priorities.can_change(function):
+        if not self._situation.can_change_priority(function):
             why = (
                 f"commands can name only the first {MOST_FUNCTIONS} functions of a spec, and {function} is a later one"
             )
@@ -130,38 +129,37 @@ class OperatorOrders:
         if priority is not None and not 0 <= priority <= MOST_PRIORITY:
             sentence = f"a priority is a whole number from 0 to {MOST_PRIORITY}, not {priority}"
             return Outcome(False, sentence, is_unusable=True)
-        changes = self._known.situation.order_priority(function, priority)
+        changes = self._situation.order_priority(function, priority)
         word = "that of the spec" if priority is None else str(priority)
         if not changes:
             return Outcome(True, f"the priority of {function} is {word} already")
-        told = Control(self._turn.term, _ALL_NODES, *priorities.told(priorities.index_of(function)))
+        told = Control(self._turn.term, _ALL_NODES, *self._situation.priority_fact(function))
         follows = self._what_follows("a plan for it is on its way")
         return Outcome(True, f"the priority of {function} is {word} from now on; {follows}", changes, told)
 
     def _fail(self, element: str) -> Outcome:
-        situation = self._known.situation
+        situation = self._situation
         if element == situation.own_bus:
             why = f"{element} carries this manager's commands, and a plan without it would stop everything"
             return Outcome(False, f"{why}: name what has failed on it")
         if element.startswith("channel:"):
             why = f"{element} is one of several channels with the same frames, so no plan would change"
             return Outcome(False, f"{why}: name the bus if all of them have failed")
-        if element in situation.failed.elements:
+        if situation.is_failed(element):
             return Outcome(True, f"{element} counts as failed already")
         changes = situation.latch(LatchedFault(element, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
         follows = self._what_follows("a plan without it is on its way")
         return Outcome(True, f"{element} counts as failed until it is cleared; {follows}", changes)
 
     def _clear(self, element: str) -> Outcome:
-        changes = self._known.situation.clear(element, OPERATOR)
-        failed = self._known.situation.failed
+        changes = self._situation.clear(element, OPERATOR)
         module = module_of(element)
-        is_down = module != element and module in failed.elements
+        is_down = module != element and self._situation.is_failed(module)
         everywhere = f"{module} counts as failed on every PE: clear {module}" if is_down else None
         if changes is None:
             hint = everywhere or "see 'heronry status'"
             return Outcome(False, f"no fault is latched on {element}, and it is not in quarantine: {hint}")
-        named = failed.field(element)
+        named = self._situation.field(element)
         told = None if named is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *named)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
         follows = everywhere or self._what_follows(waits)
@@ -177,27 +175,26 @@ class OperatorOrders:
         reason = problem if target is None else self._why_not_now() or self._why_not_legal(target)
         if target is None or reason is not None:
             reason = reason or "the script cannot be read"
-            if not self._known.script.is_asked:
-                self._known.script.refuse(reason)
+            if not self._script.is_asked:
+                self._script.refuse(reason)
             return Outcome(False, f"the script is refused, and nothing has changed: {reason}")
         follows = "the script flies unless the best plan, now being made, is better at level 1: see 'heronry status'"
         return Outcome(True, f"the script leads to a legal configuration; {follows}", (TargetAsked(target),))
 
     def _why_not_now(self) -> str | None:
-        deployment, planning = self._known.deployment, self._planning
-        if self._known.script.is_asked:
+        requests = self._requests
+        if self._script.is_asked:
             return "another script waits for the best plan: give the order again"
-        is_done = deployment.current is not None and deployment.current.stage is Stage.DONE
-        if not is_done or deployment.next is not None or (planning.is_owed and not planning.in_background):
+        if not self._deployment.is_at_rest() or (requests.is_owed and not requests.in_background):
             return "a reconfiguration is under way: give the order again when 'heronry status' shows it done"
         return None
 
     def _why_not_legal(self, target: Configuration) -> str | None:
-        broken = verify(self._spec, self._known.situation.now(), target)
+        broken = verify(self._spec, self._situation.now(), target)
         return str(broken[0]) if broken else None
 
     def _release(self) -> Outcome:
-        if not self._known.script.release():
+        if not self._script.release():
             return Outcome(False, "no script is held: see 'heronry status'")
         return Outcome(True, "the script is held no longer; a better plan is sought from now on", (TargetReleased(),))
 

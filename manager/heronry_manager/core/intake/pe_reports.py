@@ -13,8 +13,13 @@ A page that cannot be decoded has no effect. When a manager that has fallen sile
 everything except what its journal holds (`memory`), and listens for T_lease.
 """
 
-from heronry_manager.core.intake.parts import Parts
-from heronry_manager.core.mastership.claim import Mastership
+from heronry_manager.core.heartbeat.beat import Beat
+from heronry_manager.core.intake.reactions import Reactions
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.mastership.claim import Claim, Mastership
+from heronry_manager.core.planning.replanning import Replanning
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import Command
 from heronry_wire.management import (
@@ -41,25 +46,37 @@ _REQUESTS = (ElementKind.PHASE, ElementKind.PRIORITY)
 class PeReports:
     """Hands the reports of PEs to the objects of the core that use them."""
 
-    def __init__(self, parts: Parts) -> None:
-        self._settings, self._turn, self._claim, self._known = parts.settings, parts.turn, parts.claim, parts.known
-        self._beat, self._replanning, self._reactions = parts.beat, parts.replanning, parts.reactions
+    def __init__(
+        self,
+        settings: ManagerSettings,
+        turn: Turn,
+        claim: Claim,
+        known: Knowledge,
+        beat: Beat,
+        replanning: Replanning,
+        reactions: Reactions,
+    ) -> None:
+        self._settings, self._turn, self._claim, self._known = settings, turn, claim, known
+        self._beat, self._replanning, self._reactions = beat, replanning, reactions
+        self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
+        self._deployment, self._following, self._held_outputs = known.deployment, known.following, known.held_outputs
+        self._authenticity, self._details = known.authenticity, known.details
 
     def page(self, pe: str, page: StatePage | None) -> None:
         """Process a page of a PE's state; None: the page has come but is not believed."""
         if self._claim.state is Mastership.LISTENING and self._claim.hears_a_pe():
-            self._known.begin()
+            self._known.forget()
             if self._settings.key is None:  # with a key no PE can be believed before this manager is active
-                self._known.health.in_flight(self._turn.now_ns)  # do not wait for PEs that were down before
+                self._health.in_flight(self._turn.now_ns)  # do not wait for PEs that were down before
         match page:
             case StatePage0():
                 self._page_0(pe, page)
             case StatePage1():
-                if self._known.authenticity is None:
+                if self._authenticity is None:
                     self._lives(pe, None, page.flags)
                 self._page_1(pe, page)
-            case StatePage2() if self._known.authenticity is not None and self._claim.speaks():
-                self._known.authenticity.answer(pe, page)
+            case StatePage2() if self._authenticity is not None and self._claim.speaks():
+                self._authenticity.answer(pe, page)
             case StatePage2() | StatePage3() | None:  # pragma: no branch - nothing else is left
                 pass
 
@@ -68,18 +85,17 @@ class PeReports:
 
         The page may still show that the PE lives, and that the PE hears a manager.
         """
-        self._known.health.spoke(pe, page.incarnation, self._turn.now_ns)
-        self._known.following.state(pe, page, is_proven=False)
+        self._health.spoke(pe, page.incarnation, self._turn.now_ns)
+        self._following.state(pe, page, is_proven=False)
 
     def _page_0(self, pe: str, page: StatePage0) -> None:
-        known = self._known
         self._lives(pe, page.incarnation, page.flags)
         if page.state is not PeState.UNCONFIGURED:
-            known.health.in_flight(self._turn.now_ns)
-        known.following.state(pe, page)
-        known.situation.suspicions.answered(pe)
-        known.held_outputs.reported(pe, page)
-        cause = known.deployment.observe(pe, page)
+            self._health.in_flight(self._turn.now_ns)
+        self._following.state(pe, page)
+        self._situation.answered(pe)
+        self._held_outputs.reported(pe, page)
+        cause = self._deployment.observe(pe, page)
         if self._settings.advise:
             self._replanning.look_at_what_runs()
             return
@@ -90,42 +106,34 @@ class PeReports:
     def _page_1(self, pe: str, page: StatePage1) -> None:
         if self._settings.advise:
             return
-        cause = self._known.deployment.staging(pe, page)
+        cause = self._deployment.staging(pe, page)
         if cause is not None:
             self._reactions.fail(pe, cause)
-        elif self._known.deployment.refuses_digest(page):
+        elif self._deployment.refuses_digest(page):
             self._reactions.has_another_table(pe)
 
     def _lives(self, pe: str, incarnation: int | None, flags: PeFlags) -> None:
-        known = self._known
-        known.exclusion.heard(pe)
+        self._exclusion.heard(pe)
         hears_lease = PeFlags.HEARS_LEASE in flags or not self._claim.speaks()
-        self._reactions.take(known.health.heard(pe, incarnation, self._turn.now_ns, hears_lease=hears_lease))
+        self._reactions.take(self._health.heard(pe, incarnation, self._turn.now_ns, hears_lease=hears_lease))
 
     def emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
         """Process an EMCY of a PE: a fault, a notice of a module, or a request for a phase or a priority."""
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET or not self._claim.is_active:
             return
-        situation = self._known.situation
-        notices = {
-            FaultCode.DISAGREEMENT: situation.disagreements,
-            FaultCode.UNKNOWN_ELEMENT: situation.unknown_reports,
-            FaultCode.UNKNOWN_OUTPUT: situation.unknown_outputs,
-        }.get(emergency.code)
-        if notices is not None:
-            notices.reported(pe, emergency)
+        if self._situation.noticed(pe, emergency):
             return
         if emergency.kind not in _REQUESTS:
-            changes = self._known.situation.reported(pe, emergency)
-        elif self._settings.advise and self._known.following.hears_lease():
+            changes = self._situation.reported(pe, emergency)
+        elif self._settings.advise and self._following.hears_lease():
             return  # the active manager announces phase and priorities
         else:
-            changes = self._known.situation.requested(pe, emergency)
+            changes = self._situation.requested(pe, emergency)
         if changes is None:
             return
-        element = self._known.situation.failed.element(emergency.kind, emergency.index)
+        element = self._situation.element(emergency)
         if emergency.kind is ElementKind.MODULE and element is not None:
-            self._known.details.failed(pe, element, emergency)
+            self._details.failed(pe, element, emergency)
         self._reactions.take(changes)
         if emergency.kind is ElementKind.PHASE:  # the PE forgets an acknowledged request
             self._beat.tell_phase()
@@ -138,4 +146,4 @@ class PeReports:
     def lost_channel(self, pe: str, emergency: Emergency) -> None:
         """Note a PE's report that a channel of a replicated bus carries nothing, or carries frames again."""
         if self._claim.is_active:
-            self._known.situation.channels.reported(pe, emergency)
+            self._situation.channel_reported(pe, emergency)

@@ -28,7 +28,7 @@ from heronry_manager.core.membership.health import Change, HealthChange
 from heronry_manager.core.memory import Quarantined, Released
 from heronry_manager.core.planning.replanning import Replanning
 from heronry_manager.core.reports.pe_details import Look
-from heronry_manager.core.situation.known_situation import (
+from heronry_manager.core.situation.changes import (
     LimitChanged,
     ModuleReleased,
     PeAsked,
@@ -44,8 +44,10 @@ class Reactions:
     """Acts on each change of the situation, and of the health of a PE."""
 
     def __init__(self, turn: Turn, claim: Claim, known: Knowledge, beat: Beat, replanning: Replanning) -> None:
-        self._turn, self._claim, self._known = turn, claim, known
+        self._turn, self._claim = turn, claim
         self._beat, self._replanning = beat, replanning
+        self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
+        self._deployment, self._details = known.deployment, known.details
 
     def take(self, changes: Iterable[SituationChange]) -> None:
         """Act on these changes, in their order: with commands, events, or a request for a plan."""
@@ -65,18 +67,18 @@ class Reactions:
                     self._replanning.release()
                 case ModuleReleased(module, pe):  # pragma: no branch - nothing else is left
                     if self._claim.is_active:
-                        self._known.deployment.stopped(module, pe)
+                        self._deployment.stopped(module, pe)
 
     def fail(self, pe: str, cause: str) -> None:
         """Fail a PE for this cause, although it still sends."""
-        self.take(self._known.health.fail(pe, cause, self._turn.now_ns))
+        self.take(self._health.fail(pe, cause, self._turn.now_ns))
 
     def has_another_table(self, pe: str) -> None:
         """Leave a PE alone that refuses its slice for the digest; one that runs nothing is unavailable meanwhile."""
-        flies = self._known.deployment.leave_alone(pe)
-        self._known.details.look_at_table(pe, flies=flies)
+        flies = self._deployment.leave_alone(pe)
+        self._details.look_at_table(pe, flies=flies)
         if not flies:
-            self.take(self._known.health.exclude(pe, ANOTHER_TABLE, self._turn.now_ns))
+            self.take(self._health.exclude(pe, ANOTHER_TABLE, self._turn.now_ns))
 
     def discount_losses(self) -> None:
         """Discount the last loss of each PE that was lost while this manager itself heard nothing.
@@ -84,7 +86,7 @@ class Reactions:
         If a PE is still in quarantine after that, the memory gets its new number of losses; if it is not any more, the
         memory gets the end of the quarantine.
         """
-        health = self._known.health
+        health = self._health
         for pe in health.discount_losses():
             if health.is_quarantined(pe):
                 self._turn.keep(Quarantined(pe, health.losses(pe)))
@@ -101,7 +103,7 @@ class Reactions:
                     self._beat.ping(pe)
             case Change.ANSWERED:
                 turn.emit(events.PeAnswered, pe=pe)
-                self._known.details.look_at_standstills(pe, Look.TELL)
+                self._details.look_at_standstills(pe, Look.TELL)
             case Change.LOST | Change.REBOOTED | Change.FAILED:
                 self._lost(change)
             case Change.ABSENT:
@@ -109,29 +111,29 @@ class Reactions:
                 self._replanning.need(PlanNeeded(f"pe:{pe}: {change.cause}"))
             case Change.HEARD_AGAIN:
                 turn.emit(events.PeHeardAgain, pe=pe, cause=change.cause)
-                self._known.details.look_at_standstills(pe, Look.TELL)
+                self._details.look_at_standstills(pe, Look.TELL)
             case Change.JOINED:  # pragma: no branch - nothing else is left
                 if pe in turn.memory.quarantined:
                     turn.keep(Released(pe))
                 turn.emit(events.PeJoined, pe=pe, cause=change.cause)
-                self._known.details.look_at_standstills(pe, Look.BEGIN)
-                self._known.details.table_is_right(pe)
-                self._known.deployment.observed.joined(pe)
+                self._details.look_at_standstills(pe, Look.BEGIN)
+                self._details.table_is_right(pe)
+                self._deployment.joined(pe)
                 self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
 
     def _lost(self, change: HealthChange) -> None:
-        pe, last, known = change.pe, change.last_heard_ns, self._known
+        pe, last = change.pe, change.last_heard_ns
         if change.change is not Change.FAILED:
-            known.details.table_is_right(pe)
+            self._details.table_is_right(pe)
         if change.change is Change.REBOOTED:
-            known.exclusion.rebooted(pe)
+            self._exclusion.rebooted(pe)
         elif change.change is Change.LOST:
-            known.exclusion.declared_down(pe, self._turn.now_ns if last is None else last)
+            self._exclusion.declared_down(pe, self._turn.now_ns if last is None else last)
         self._turn.emit(events.PeLost, pe=pe, cause=change.cause, last_heard_ns=last)
-        if known.health.is_quarantined(pe):
-            self._turn.keep(Quarantined(pe, known.health.losses(pe)))
-        known.deployment.lost(pe)
+        if self._health.is_quarantined(pe):
+            self._turn.keep(Quarantined(pe, self._health.losses(pe)))
+        self._deployment.lost(pe)
         if self._claim.speaks():
             self._beat.must_leave_out()
-        known.situation.links.restarted(pe)
+        self._situation.gateway_lost(pe)
         self._replanning.need(PlanNeeded(f"pe:{pe}: {change.cause}", last))

@@ -18,8 +18,13 @@
 
 from heronry_manager import events
 from heronry_manager.core.epochs.reconfiguration import Cause
-from heronry_manager.core.intake.parts import Parts
-from heronry_manager.core.mastership.claim import Mastership
+from heronry_manager.core.heartbeat.beat import Beat
+from heronry_manager.core.intake.reactions import Reactions
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.mastership.claim import Claim, Mastership
+from heronry_manager.core.planning.replanning import Replanning
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Malformed
 from heronry_wire.management import Lease, ManagementMessage
 from heronry_wire.protocol_times import LEARNS_LEASES
@@ -28,9 +33,20 @@ from heronry_wire.protocol_times import LEARNS_LEASES
 class Succession:
     """Changes all parts of the core when this manager becomes active, stands by, or stops sending."""
 
-    def __init__(self, parts: Parts) -> None:
-        self._settings, self._turn, self._claim, self._known = parts.settings, parts.turn, parts.claim, parts.known
-        self._beat, self._replanning, self._reactions = parts.beat, parts.replanning, parts.reactions
+    def __init__(
+        self,
+        settings: ManagerSettings,
+        turn: Turn,
+        claim: Claim,
+        known: Knowledge,
+        beat: Beat,
+        replanning: Replanning,
+        reactions: Reactions,
+    ) -> None:
+        self._settings, self._turn, self._claim, self._known = settings, turn, claim, known
+        self._beat, self._replanning, self._reactions = beat, replanning, reactions
+        self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
+        self._deployment, self._following, self._script = known.deployment, known.following, known.script
 
     # What another manager sends
 
@@ -50,7 +66,7 @@ class Succession:
             self._give_way(node, message)
 
     def _follow(self, node: int, message: ManagementMessage) -> None:
-        following = self._known.following
+        following = self._following
         before = following.node
         self._learn(node, message)
         if before is None and following.node is not None:
@@ -58,12 +74,12 @@ class Succession:
 
     def _learn_beside(self, node: int, message: ManagementMessage) -> None:
         is_listening = self._claim.state is Mastership.LISTENING
-        if is_listening and self._known.following.node is None and isinstance(message, Lease):
+        if is_listening and self._following.node is None and isinstance(message, Lease):
             self._claim.learns_for(LEARNS_LEASES)
         self._learn(node, message)
 
     def _learn(self, node: int, message: ManagementMessage) -> None:
-        following, situation = self._known.following, self._known.situation
+        following, situation = self._following, self._situation
         self._reactions.take(following.heard(node, message))
         if following.is_beat(node, message):
             self._reactions.take(situation.held_no_longer(node))
@@ -80,8 +96,8 @@ class Succession:
     def begin_term(self) -> None:
         """Begin a term: this manager is active from now on. If all terms have been used, no term begins."""
         if self._claim.begin_term():
-            self._known.deployment.begin(self._turn.term)
-            self._known.exclusion.begun(self._turn.now_ns, self._known.health.available())
+            self._deployment.begin(self._turn.term)
+            self._exclusion.begun(self._turn.now_ns, self._health.available())
             self._beat.begin()
 
     def take_over(self) -> None:
@@ -89,13 +105,13 @@ class Succession:
 
         To be called when no manager is active any more.
         """
-        known, followed, now_ns = self._known, self._known.following, self._turn.now_ns
-        active = filter(known.deployment.is_active, followed.available())
-        inherited = known.health.inherited(active, now_ns)
+        followed, now_ns = self._following, self._turn.now_ns
+        active = filter(self._deployment.is_active, followed.available())
+        inherited = self._health.inherited(active, now_ns)
         self._reactions.take(inherited)
         self.begin_term()
         for change in inherited:
-            known.exclusion.unknown(change.pe)  # this manager does not know what the PE may drive
+            self._exclusion.unknown(change.pe)  # this manager does not know what the PE may drive
         if not self._claim.is_active:
             return
         silent_ns = None if followed.leased_ns is None else now_ns - followed.leased_ns
@@ -104,12 +120,12 @@ class Succession:
             term=self._turn.term,
             before=followed.term,
             silent_ns=silent_ns,
-            phase=known.situation.phase,
+            phase=self._situation.phase,
         )
         if followed.holds_script():
-            known.script.end(f"the mastership of manager {followed.node}, which held it, has ended")
+            self._script.end(f"the mastership of manager {followed.node}, which held it, has ended")
         known_ns = followed.leased_ns if followed.leased_ns is not None else now_ns
-        known.health.await_again(followed.unbelieved(), now_ns, self._settings.window_ns)
+        self._health.await_again(followed.unbelieved(), now_ns, self._settings.window_ns)
         self._replanning.take_over(Cause("no manager was active", now_ns, known_ns))
 
     def is_over(self, *, hears_no_pe: bool) -> bool:
@@ -126,7 +142,7 @@ class Succession:
         if hears_no_pe:
             self._turn.emit(events.HearsNobody, term=self._turn.term)
             return True
-        if self._beat.is_due() and self._claim.is_refused(most_hear_none=self._known.following.most_hear_none()):
+        if self._beat.is_due() and self._claim.is_refused(most_hear_none=self._following.most_hear_none()):
             self._turn.emit(events.Refused, term=self._turn.term)
             return True
         return False
@@ -140,6 +156,6 @@ class Succession:
         self._claim.fall_silent()
 
     def _forget(self) -> None:
-        self._known.script.mastership_ends()
-        self._replanning.planning.forget()
-        self._known.begin()
+        self._script.mastership_ends()
+        self._replanning.forget()
+        self._known.forget()

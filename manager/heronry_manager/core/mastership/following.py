@@ -48,13 +48,15 @@ restart: they prove their states once they have heard the new term.
 
 from collections import OrderedDict
 from collections.abc import Mapping
+from functools import partial
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_manager.core.mastership.overheard import Overheard
 from heronry_manager.core.membership.exclusion import Exclusion
 from heronry_manager.core.memory import Runs, TermBegun
-from heronry_manager.core.situation.known_situation import Changes, KnownSituation
+from heronry_manager.core.situation.changes import Changes
+from heronry_manager.core.situation.known_situation import KnownSituation
 from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.core.tables.on_board import ContingencyNumbers
 from heronry_manager.core.topology import uplink_bus
@@ -97,12 +99,19 @@ class Following:
             pe: max(self._lease_ns, t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns)) for pe in spec.pes
         }
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
-        self._overheard = Overheard(spec, turn, compiler, on_board)
+        self._patience_ns = patience_ns
+        self._new_overheard = partial(Overheard, spec, turn, compiler, on_board)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget every other manager, and what PEs have said of them; wait anew for a LEASE."""
+        now_ns = self._turn.now_ns
+        self._overheard = self._new_overheard()
         self._available: frozenset[str] = frozenset()
         self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
         self._unproven: dict[str, tuple[int, bool]] = {}  # the same of PEs that were heard, and not believed
-        self._orphaned_ns = turn.now_ns + patience_ns  # the PEs count as orphaned no earlier
-        self._in_flight_ns = turn.now_ns + _GOES_FIRST * self._lease_ns  # the same, where some PE runs a configuration
+        self._orphaned_ns = now_ns + self._patience_ns  # the PEs count as orphaned no earlier
+        self._in_flight_ns = now_ns + _GOES_FIRST * self._lease_ns  # the same, where some PE runs a configuration
         self.node: int | None = None  # the active manager
         self.term = 0
         self.leased_ns: int | None = None  # when its last LEASE came
@@ -171,7 +180,7 @@ class Following:
 
     def holds_script(self) -> bool:
         """Tell whether the active manager holds a script of the operator, as far as this manager has heard."""
-        facts = _OTHER_FACTS + len(self._situation.failed.elements) + len(self._situation.priorities.facts())
+        facts = _OTHER_FACTS + self._situation.fact_count()
         return self._beats_since_script <= _TURNS * ANNOUNCED_EVERY * facts
 
     def planned(self, plan: Plan) -> None:

@@ -69,19 +69,24 @@ class Exclusion:
         self._lease_ns = {
             pe: t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes
         }  # T_lease of each, as the PE itself counts it: five periods of the bus on which it reports
-        self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
-        self._named: frozenset[str] = frozenset()  # PEs in the last ALIVE
-        self._last_named_ns: dict[str, int] = {}  # when each PE was named last, or left out first
-        self._unsaid: set[str] = set()  # PEs that no ALIVE on the bus has left out yet
         self._unsent_after_ns = {pe: unsent_ns(command_period_ns(spec, pe)) for pe in spec.pes}
-        self._slept_ns = dict.fromkeys(spec.pes, 0)  # pauses of this manager since each PE was heard last
-        self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
         self._things = spec.exclusive_things()
         self._possible: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         for module in spec.modules.values():
             for pe in hosts_when_all_is_up(spec, module):
                 self._possible[pe] |= self._tokens_of(module.name)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget which PE may hold which token, and what ALIVE has said."""
+        pes = self._spec.pes
+        self._holds: dict[str, set[str]] = {pe: set() for pe in pes}
+        self._named: frozenset[str] = frozenset()  # PEs in the last ALIVE
+        self._last_named_ns: dict[str, int] = {}  # when each PE was named last, or left out first
+        self._unsaid: set[str] = set()  # PEs that no ALIVE on the bus has left out yet
+        self._slept_ns = dict.fromkeys(pes, 0)  # pauses of this manager since each PE was heard last
+        self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
 
     def tokens(self, configuration: Configuration) -> dict[str, set[str]]:
         """Give the tokens that a configuration places on each PE: what must not have a second driver."""

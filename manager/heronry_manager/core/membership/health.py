@@ -139,8 +139,14 @@ class Health:
 
     def __init__(self, spec: Spec, now_ns: int, window_ns: int) -> None:
         """Begin at `now_ns` to wait for PEs that were never heard; the start-up window closes `window_ns` later."""
-        self._window_closes_ns: int | None = now_ns + window_ns
-        self._records = {}
+        self._spec, self._window_ns = spec, window_ns
+        self.forget(now_ns)
+
+    def forget(self, now_ns: int) -> None:
+        """Forget what was heard of any PE: from `now_ns` on, wait for each as at the beginning."""
+        spec = self._spec
+        self._window_closes_ns: int | None = now_ns + self._window_ns
+        self._records: dict[str, _Record] = {}
         for pe in spec.pes.values():
             bus = spec.buses[uplink_bus(spec, pe.name)]
             self._records[pe.name] = _Record(

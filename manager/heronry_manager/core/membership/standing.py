@@ -59,7 +59,9 @@ TRANSITIONS = TransitionTable(
         (Standing.UP, StandingEvent.FAILED, Standing.DOWN, "rebooted, failed, or its receiver failed for T_lease"),
         (Standing.SUSPECT, StandingEvent.HEARD, Standing.UP, "heard"),
         (
-            *(Standing.SUSPECT, StandingEvent.SILENT, Standing.DOWN),
+            Standing.SUSPECT,
+            StandingEvent.SILENT,
+            Standing.DOWN,
             "silent for (misses + 1/4) periods",
         ),
         (Standing.SUSPECT, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),

@@ -38,10 +38,10 @@ from heronry_manager import events
 from heronry_manager.core.epochs.reconfiguration import Cause
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.mastership.claim import Claim, Mastership
-from heronry_manager.core.planning.requests import Planning
+from heronry_manager.core.planning.requests import PlanRequests
 from heronry_manager.core.planning.storms import Storms
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.situation.known_situation import LimitChanged, PlanNeeded
+from heronry_manager.core.situation.changes import LimitChanged, PlanNeeded
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, Settled
 
@@ -50,10 +50,12 @@ class Replanning:
     """Requests a plan when the situation has changed, and deploys it."""
 
     def __init__(
-        self, settings: ManagerSettings, turn: Turn, claim: Claim, known: Knowledge, planning: Planning
+        self, settings: ManagerSettings, turn: Turn, claim: Claim, known: Knowledge, requests: PlanRequests
     ) -> None:
         self._settings, self._turn = settings, turn
-        self._claim, self._known, self.planning = claim, known, planning
+        self._claim, self._known, self._requests = claim, known, requests
+        self._health, self._situation, self._deployment = known.health, known.situation, known.deployment
+        self._following, self._advice, self._script = known.following, known.advice, known.script
         self._storms = Storms(settings.spec, turn)
         self._is_held = False  # a plan is needed once no PE flies with another table
 
@@ -69,16 +71,16 @@ class Replanning:
             return
         now_ns = self._turn.now_ns
         since_ns = now_ns if change.since_ns is None else change.since_ns
-        self._known.script.situation_changed(self._known.situation.now(), change.cause)
+        self._script.situation_changed(self._situation.now(), change.cause)
         cause = Cause(change.cause, now_ns, since_ns)
         if self._finishes_first():
             self._gather(cause)
             return
-        self.planning.causes.append(cause)
-        if self._known.deployment.next is not None or self.planning.waiting:
+        self._requests.causes.append(cause)
+        if self._deployment.next is not None or self._requests.waiting:
             self._storms.ended_one()
-        self._known.deployment.abandon(change.cause)
-        if self._claim.state is not Mastership.LISTENING and not self._known.health.starting():
+        self._deployment.abandon(change.cause)
+        if self._claim.state is not Mastership.LISTENING and not self._health.starting():
             self.ask()
 
     def _finishes_first(self) -> bool:
@@ -89,26 +91,38 @@ class Replanning:
         """
         if not self._storms.rages:
             return False
-        opened = self._known.deployment.next
-        return self.planning.waiting if opened is None else self._may_finish(opened.configuration)
+        opened = self._deployment.next
+        return self._requests.waiting if opened is None else self._may_finish(opened.configuration)
 
     def _may_finish(self, wanted: Configuration) -> bool:
-        current = self._known.deployment.current
-        running = None if current is None else current.configuration
-        return self._storms.may_finish(self._known.situation.now(), wanted, running)
+        return self._storms.may_finish(self._situation.now(), wanted, self._deployment.configuration)
+
+    def forget(self) -> None:
+        """Drop the present request and all causes, since this manager no longer plans."""
+        self._requests.forget()
+
+    @property
+    def is_waiting(self) -> bool:
+        """Tell whether the planner owes an answer."""
+        return self._requests.waiting
+
+    @property
+    def again_ns(self) -> int | None:
+        """Time (ns) at which to call `tick`, because a failed request is repeated then; None: none has failed."""
+        return self._requests.again_ns
 
     def _gather(self, cause: Cause) -> None:
         """Keep a cause for the next request for a plan; a cause that is kept already is not added again."""
-        if all(one.what != cause.what for one in self.planning.gathered):
-            self.planning.gathered.append(cause)
+        if all(one.what != cause.what for one in self._requests.gathered):
+            self._requests.gathered.append(cause)
 
     def limit(self, change: LimitChanged) -> None:
         """React to a changed limit of a radio.
 
         Keep the running plan if it is still the best one and nothing is under way. In all other cases request a plan.
         """
-        plan = self._known.deployment.plan
-        if plan is not None and self.planning.idle and self._known.situation.spares(plan):
+        plan = self._deployment.plan
+        if plan is not None and self._requests.idle and self._situation.spares(plan):
             self._settle()
         else:
             self.need(PlanNeeded(change.cause))
@@ -120,13 +134,13 @@ class Replanning:
         request waits to be repeated. See *overtaken* in `deployment`.
         """
         is_active = self._claim.state is Mastership.ACTIVE
-        if is_active and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
+        if is_active and not self._requests.is_owed and self._deployment.is_overtaken_by(pe):
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
 
     def take_over(self, cause: Cause) -> None:
         """Request the first plan after a take-over from another manager; `cause` becomes the cause of the request."""
-        self.planning.causes.append(cause)
-        if not self._known.health.starting():
+        self._requests.causes.append(cause)
+        if not self._health.starting():
             self.ask()
 
     # Scripts of the operator
@@ -136,14 +150,14 @@ class Replanning:
 
         When the plan has come, `ready` compares them: `target` is deployed unless it is worse than the plan at level 1.
         """
-        running = self._known.deployment.running
+        running = self._deployment.running
         assert running is not None, "a script is refused while nothing runs"
-        self._known.script.ask(target)
-        self.planning.ask_for(target, self._known.situation.now(), running)
+        self._script.ask(target)
+        self._requests.ask_for(target, self._situation.now(), running)
 
     def release(self) -> None:
         """Request the best plan as soon as nothing is under way, since the operator has ended a script."""
-        if self.planning.idle:
+        if self._requests.idle:
             self._settle()
 
     # Plans
@@ -155,25 +169,24 @@ class Replanning:
         it instead.
         """
         is_first = self._claim.commands()
-        runs = self._known.following.runs if self._settings.advise else self._turn.memory.runs
-        if is_first and self._known.deployment.adopts_remembered(self._known.situation.now(), runs):
+        runs = self._following.runs if self._settings.advise else self._turn.memory.runs
+        if is_first and self._deployment.adopts_remembered(self._situation.now(), runs):
             self._weigh()
         else:
             self._ask()
 
     def _ask(self) -> None:
-        known = self._known
-        if known.deployment.is_held():
+        if self._deployment.is_held():
             self._is_held = True
             return
         self._is_held = False
-        self.planning.ask(known.situation.now(), known.deployment.running, target=known.script.target)
+        self._requests.ask(self._situation.now(), self._deployment.running, target=self._script.target)
 
     def tick(self) -> None:
         """Request a plan if the start-up window has just closed, or a failed request is due again."""
-        is_first = self._claim.state is Mastership.STARTING and not self._known.health.starting()
-        is_free = self._is_held and not self._known.deployment.is_held()
-        if is_first or is_free or self.planning.is_due_again():
+        is_first = self._claim.state is Mastership.STARTING and not self._health.starting()
+        is_free = self._is_held and not self._deployment.is_held()
+        if is_first or is_free or self._requests.is_due_again():
             self.ask()
 
     def ready(self, answer: PlanReady) -> None:
@@ -185,29 +198,29 @@ class Replanning:
         - The plan was requested in the background, and is not better than the running plan: it is dropped.
         - The PEs run the plan already: it is dropped.
         """
-        deployment = self._known.deployment
-        if not self.planning.awaits(answer):
+        deployment = self._deployment
+        if not self._requests.awaits(answer):
             return
-        if self.planning.gathered and not self._may_finish(answer.plan.configuration):
+        if self._requests.gathered and not self._may_finish(answer.plan.configuration):
             self._ask()
             return
         answer = self._weighed(answer)
-        if self.planning.keeps_to(deployment.plan, answer):
+        if self._requests.keeps_to(deployment.plan, answer):
             self._settle()
             return
-        self.planning.takes(answer)
+        self._requests.takes(answer)
         if self._settings.advise:
-            self._known.following.planned(answer.plan)
+            self._following.planned(answer.plan)
         if self._runs_already(answer.plan):
-            self.planning.causes.clear()
+            self._requests.causes.clear()
             self._turn.emit(events.PlanUnchanged, request=answer.request)
             self._storms.over()
             self._settle()
         elif self._settings.advise:
-            self._known.advice.advise(answer.plan, self._known.unknown_epoch(), self._known.following.runs)
-            self.planning.causes.clear()
+            self._advice.advise(answer.plan, self._known.unknown_epoch(), self._following.runs)
+            self._requests.causes.clear()
         else:
-            deployment.prepare(answer.plan, self.planning.causes)
+            deployment.prepare(answer.plan, self._requests.causes)
 
     def _weighed(self, answer: PlanReady) -> PlanReady:
         """Return the answer to deploy: the given one, or one whose plan is the configuration of a script.
@@ -215,28 +228,28 @@ class Replanning:
         A script that the operator has just ordered is tried first, then the held script: its configuration is
         taken unless it is worse at level 1 than the plan in `answer`. If none is taken, `answer` is returned.
         """
-        script, deployment = self._known.script, self._known.deployment
+        script, deployment = self._script, self._deployment
         was_asked = script.is_asked
-        plan = script.weigh(answer.plan, self._known.situation.now(), deployment.running)
+        plan = script.weigh(answer.plan, self._situation.now(), deployment.running)
         if was_asked and plan is not None and plan.configuration == script.target:
-            self.planning.target_taken()
+            self._requests.target_taken()
         elif was_asked:
-            self.planning.target_refused()
+            self._requests.target_refused()
         return answer if plan is None else PlanReady(answer.request, plan)
 
     def failed(self, answer: PlanFailed) -> None:
         """Note that the planner could not answer; a request is repeated unless it was made in the background."""
-        if self.planning.failed(answer) and self.planning.in_background:
-            if self._known.script.is_asked:
-                self._known.script.refuse(
+        if self._requests.failed(answer) and self._requests.in_background:
+            if self._script.is_asked:
+                self._script.refuse(
                     f"the planner gave no plan with which to compare the result of the script: {answer.reason}"
                 )
-            self.planning.causes.clear()
+            self._requests.causes.clear()
             self._settle()
 
     def _runs_already(self, plan: Plan) -> bool:
         """Tell whether the PEs run this plan already, even if it was deployed in another term."""
-        deployment = self._known.deployment
+        deployment = self._deployment
         may_adopt = deployment.current is None or self._settings.advise
         return deployment.runs(plan) or (may_adopt and deployment.adopts(plan))
 
@@ -248,12 +261,12 @@ class Replanning:
         If an epoch is completed, drop its causes, and decide what to request next (`_settle`). If the epoch that
         was being prepared has been activated, tell `storms`: a storm of changes ends with an activation.
         """
-        was_next = self._known.deployment.next
-        done = self._known.deployment.advance()
-        if was_next is not None and self._known.deployment.next is None:
+        was_next = self._deployment.next
+        done = self._deployment.advance()
+        if was_next is not None and self._deployment.next is None:
             self._storms.over()
         if done is not None:
-            self.planning.done(done.causes)
+            self._requests.done(done.causes)
             self._settle()
 
     def look_at_what_runs(self) -> None:
@@ -261,10 +274,9 @@ class Replanning:
 
         If such a configuration has just become known as the running one, decide whether it may stay (`_weigh`).
         """
-        known = self._known
         is_active = self._claim.state is Mastership.ACTIVE
-        if is_active and known.advice.follow(known.situation.now(), known.following.runs):
-            self.planning.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
+        if is_active and self._advice.follow(self._situation.now(), self._following.runs):
+            self._requests.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
             self._weigh()
 
     def _weigh(self) -> None:
@@ -272,8 +284,8 @@ class Replanning:
 
         They keep it if it may stay (`_may_stay`) and no plan is awaited. Otherwise a plan is requested.
         """
-        if self._may_stay() and not self.planning.waiting:
-            self.planning.causes.clear()
+        if self._may_stay() and not self._requests.waiting:
+            self._requests.causes.clear()
             self._settle()
         else:
             self._ask()
@@ -284,7 +296,7 @@ class Replanning:
         It may if it is legal, serves all critical functions that are wanted, and is run by every available PE.
         Besides, none of its modules may have been stopped by a fault that the operator has cleared.
         """
-        spec, situation, deployment = self._settings.spec, self._known.situation, self._known.deployment
+        spec, situation, deployment = self._settings.spec, self._situation, self._deployment
         plan, now = deployment.plan, situation.now()
         if plan is None or not deployment.all_available_run_it():
             return False
@@ -302,16 +314,16 @@ class Replanning:
             or the last request was already one in the background.
         - In these three cases, report that the plan has settled.
         """
-        deployment = self._known.deployment
+        deployment = self._deployment
         running, plan = deployment.running, deployment.plan
-        if running is None or deployment.next is not None or self.planning.waiting:
+        if running is None or deployment.next is not None or self._requests.waiting:
             return
-        if self.planning.gathered:
+        if self._requests.gathered:
             self.ask()
             return
-        now = self._known.situation.now()
-        may_improve = plan is not None and not plan.optimal and self._known.script.target is None
-        if may_improve and not self.planning.in_background:
-            self.planning.ask_in_background(now, running)
+        now = self._situation.now()
+        may_improve = plan is not None and not plan.optimal and self._script.target is None
+        if may_improve and not self._requests.in_background:
+            self._requests.ask_in_background(now, running)
         else:
             self._turn.ask(Settled(now, running))

@@ -38,7 +38,7 @@ _FIRST = "a mastership begins"  # the cause if no PE is available; else a PE tha
 _ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3
 
 
-class Planning:
+class PlanRequests:
     """Keeps the present request for a plan, and the causes of the reconfiguration that is not done yet.
 
     It also keeps the causes that only the next request will take into account.

@@ -69,7 +69,7 @@ class PeDetails:
     def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
         self._spec, self._turn, self._claim = settings.spec, turn, claim
         self._is_wanted = settings.reads_objects
-        self.reader = ObjectReader(turn.ask)
+        self._reader = ObjectReader(turn.ask)
         self.own = Standstills(settings.bus.heartbeat_ns)
         self._node = f"manager {settings.node}"
         self._again_after_ns = t_lease_ns(settings.bus.heartbeat_ns)
@@ -189,10 +189,27 @@ class PeDetails:
             self._tables[pe] = why
             self._turn.emit(events.AnotherTable, pe=pe, why=why)
 
+    @property
+    def next_ns(self) -> int:
+        """Time (ns) at which to call `tick`; NEVER_NS: nothing is being read."""
+        return self._reader.next_ns
+
+    def tick(self) -> None:
+        """Go on reading, if it is time."""
+        self._reader.tick(self._turn.now_ns)
+
+    def heard(self, node: int, message: bytes) -> None:
+        """Take an SDO answer of the PE with this node-ID."""
+        self._reader.heard(node, message, self._turn.now_ns)
+
+    def heard_other(self, node: int) -> None:
+        """Note that another SDO client has made a request to the PE with this node-ID."""
+        self._reader.heard_other(node, self._turn.now_ns)
+
     def end_of_step(self) -> None:
         """Stop reading if this manager is not active any more; to be called after each event."""
         if not self._claim.is_active:
-            self.reader.give_up()
+            self._reader.give_up()
 
     def failures(self) -> list[dict[str, Any]]:
         """Give the last failure of each module, oldest first, as a dict with four keys.
@@ -242,7 +259,7 @@ class PeDetails:
     ) -> None:
         is_possible = self._is_wanted and self._claim.is_active and not self._turn.silent
         if is_possible and self._spec.manager.bus in self._spec.pes[pe].buses and sub_index:
-            self.reader.read(self._spec.pes[pe].node_id, index, sub_index, take, self._turn.now_ns, tries=tries)
+            self._reader.read(self._spec.pes[pe].node_id, index, sub_index, take, self._turn.now_ns, tries=tries)
         else:
             take(None)
 

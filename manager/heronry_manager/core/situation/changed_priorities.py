@@ -53,6 +53,10 @@ _OPERATOR = "the operator"
 _DEFAULT: Final = "default"  # the priority of the spec, in events
 
 
+Fact = tuple[Operation, int, int]
+"""What the active manager announces: operation, a and b of CONTROL."""
+
+
 class ChangedPriorities:
     """Keeps the priorities that differ from those of the spec, and decides on requests to change them."""
 
@@ -75,7 +79,7 @@ class ChangedPriorities:
         """List the priorities that differ from the spec's, each with its origin (operator or module)."""
         return list(self._changed.values())
 
-    def facts(self) -> list[tuple[Operation, int, int]]:
+    def facts(self) -> list[Fact]:
         """List the facts for a standby manager, each as operation, a and b of a CONTROL.
 
         There is a fact for each function whose priority is changed, or for which a request was executed.
@@ -88,7 +92,7 @@ class ChangedPriorities:
         name = self._functions[index].name
         return [one for (_, function), one in self._turn.memory.priority_requests.items() if function == name]
 
-    def told(self, index: int) -> tuple[Operation, int, int]:
+    def told(self, index: int) -> Fact:
         """Give the CONTROL that announces the priority of a function, as operation, `a` and `b`.
 
         The operation is HOLDS for a changed priority, and CLEAR for the priority of the spec.
@@ -240,7 +244,7 @@ class ChangedPriorities:
         return [change for change in changes if change is not None]
 
 
-def _held(index: int, one: PriorityChanged) -> tuple[Operation, int, int]:
+def _held(index: int, one: PriorityChanged) -> Fact:
     return Operation.HOLDS, _place(index), one.priority | (BY_OPERATOR if one.by_operator else 0)
 
 

@@ -53,6 +53,10 @@ class HeldScript:
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._spec, self._turn = spec, turn
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin without a script."""
         self._asked: Configuration | None = None
         self.target: Configuration | None = None  # the held one
         self._last: tuple[str, str] = ("none", "")  # what became of the last script, and why

@@ -1,14 +1,7 @@
 """The situation as the manager knows it: what is down, what is limited, the phase, and changed priorities.
 
-A method that changes the situation returns the consequences. The caller hands them to `reactions`, in their order:
-
-    HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
-    PlanNeeded        the running plan was made for another situation
-    LimitChanged      a radio has another limit: the running plan may still be the best one
-    PeAsked           a module suspects a PE: the manager sends this PE a PING
-    TargetAsked       the operator orders the configuration that a script makes, the target
-    TargetReleased    the operator ends a script
-    ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
+A method that changes the situation returns the consequences (`changes`). The caller hands them to `reactions`, in their
+order.
 
 All elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`), are down.
 `radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
@@ -32,21 +25,26 @@ The whole situation survives a restart (`memory`), and so does a quarantine.
 """
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
 
-from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_manager import events
-from heronry_manager.core.membership.health import Health, HealthChange
-from heronry_manager.core.memory import Cleared, Latched, PhaseEntered, PhaseRequest, Released
-from heronry_manager.core.situation.changed_priorities import ChangedPriorities
+from heronry_manager.core.membership.health import Health
+from heronry_manager.core.memory import Cleared, Latched, PhaseEntered, PhaseRequest, PriorityRequest, Released
+from heronry_manager.core.situation.changed_priorities import ChangedPriorities, Fact
+from heronry_manager.core.situation.changes import (
+    Changes,
+    LimitChanged,
+    ModuleReleased,
+    PeAsked,
+    PlanNeeded,
+    SituationChange,
+)
 from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
 from heronry_manager.core.situation.lost_channels import LostChannels
 from heronry_manager.core.situation.mission_phase import MissionPhase
-from heronry_manager.core.situation.module_notices import Disagreements, UnknownOutputs, UnknownReports
+from heronry_manager.core.situation.module_notices import Disagreements, ModuleNotices, UnknownOutputs, UnknownReports
 from heronry_manager.core.situation.radio_links import RadioLinks
 from heronry_manager.core.situation.restarts_told import RestartsTold
 from heronry_manager.core.situation.suspicions import Suspicions
@@ -58,78 +56,33 @@ from heronry_wire.protocol_times import ANNOUNCED_EVERY, t_lease_ns
 _TURNS = 3  # of announcements, in which a latched fault may stay unannounced
 
 
-@dataclass(frozen=True, slots=True)
-class PlanNeeded:
-    """A plan is needed, because the situation has changed.
-
-    cause: why a plan is needed, in words.
-    since_ns: when the old situation was last known to hold, such as the time of the last frame of a lost PE; None: now.
-    """
-
-    cause: str
-    since_ns: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class LimitChanged:
-    """The usable bandwidth of a radio has changed; `cause` says how, in words."""
-
-    cause: str
-
-
-@dataclass(frozen=True, slots=True)
-class ModuleReleased:
-    """A fault of a module was cleared; the module starts again only with a new epoch.
-
-    pe: the only PE on which the fault was cleared; None: it was cleared on all PEs.
-    """
-
-    module: str
-    pe: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PeAsked:
-    """A module suspects this PE: the manager must ask the PE for its state, by PING."""
-
-    pe: str
-
-
-@dataclass(frozen=True, slots=True)
-class TargetAsked:
-    """The operator has ordered, by a script, that the PEs run the configuration `target`, which is legal."""
-
-    target: Configuration
-
-
-@dataclass(frozen=True, slots=True)
-class TargetReleased:
-    """The operator has ended the script that was held, or that was ordered and not held yet."""
-
-
-SituationChange = PeAsked | HealthChange | PlanNeeded | LimitChanged | ModuleReleased | TargetAsked | TargetReleased
-Changes = Sequence[SituationChange]
-
-
 class KnownSituation:
     """Keeps what is down, what is limited, the phase, and changed priorities."""
 
     def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
         """Begin with what is remembered over a restart, and nothing else."""
         self._spec, self._turn, self._health = spec, turn, health
-        self._mission = MissionPhase(spec)
         self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)  # the longest wait of a frame
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self.own_bus = f"bus:{spec.manager.bus}"
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget everything but what is remembered over a restart."""
+        spec, turn, health = self._spec, self._turn, self._health
+        self._mission = MissionPhase(spec)
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)
         self.priorities = ChangedPriorities(spec, turn)
         self.channels = LostChannels(spec, turn)
         self.disagreements = Disagreements(spec, turn)
-        self.unknown_reports = UnknownReports(spec, turn)
-        self.unknown_outputs = UnknownOutputs(spec, turn)
-        self.suspicions = Suspicions(spec, turn, health)
+        self._notices: dict[FaultCode, ModuleNotices] = {
+            FaultCode.DISAGREEMENT: self.disagreements,
+            FaultCode.UNKNOWN_ELEMENT: UnknownReports(spec, turn),
+            FaultCode.UNKNOWN_OUTPUT: UnknownOutputs(spec, turn),
+        }
+        self._suspicions = Suspicions(spec, turn, health)
         self._restarts = RestartsTold(spec, turn)
-        self.own_bus = f"bus:{spec.manager.bus}"
         self._untold: Counter[str] = Counter()  # beats since another manager announced that it holds an element
         self._told_phase: int | None = None  # the phase that another manager announced last
         self._has_just_told_phase = False  # it has announced a phase, and since then only acknowledged requests
@@ -153,6 +106,64 @@ class KnownSituation:
         room = survivors(self._spec, Situation(frozenset(), limits)).bus_mbit_per_s
         fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
         return fits and all(limits.get(element, 1) <= share for element, share in plan.now.limits.items())
+
+    def is_failed(self, element: str) -> bool:
+        """Tell whether a fault is latched on an element."""
+        return element in self.failed.elements
+
+    def element(self, emergency: Emergency) -> str | None:
+        """Give the element that an EMCY names; None: the spec lacks it."""
+        return self.failed.element(emergency.kind, emergency.index)
+
+    def field(self, element: str) -> tuple[int, int] | None:
+        """Give the fields a and b of CONTROL that name an element; None: no command can name it."""
+        return self.failed.field(element)
+
+    def facts(self) -> list[Fact]:
+        """List the latched faults and changed priorities, as the active manager announces them."""
+        fields = map(self.failed.field, self.failed.elements)
+        held = sorted(field for field in fields if field is not None)
+        return [(Operation.HOLDS, *field) for field in held] + self.priorities.facts()
+
+    def fact_count(self) -> int:
+        """Give the number of latched faults and changed priorities: so many announcements make a round."""
+        return len(self.failed.elements) + len(self.priorities.facts())
+
+    def beat(self) -> None:
+        """Note that a heartbeat period has passed: notices and suspicions end that nobody repeats."""
+        self.channels.beat()
+        for notices in self._notices.values():
+            notices.beat()
+        self._suspicions.beat()
+
+    # What PEs and gateways report
+
+    def answered(self, pe: str) -> None:
+        """Note that a state of a PE has come, which may answer a suspicion."""
+        self._suspicions.answered(pe)
+
+    def noticed(self, pe: str, emergency: Emergency) -> bool:
+        """Take a notice of a module (`module_notices`), which changes no plan; False: the EMCY is no notice."""
+        notices = self._notices.get(emergency.code)
+        if notices is not None:
+            notices.reported(pe, emergency)
+        return notices is not None
+
+    def channel_reported(self, pe: str, emergency: Emergency) -> None:
+        """Note a PE's report that a channel of a replicated bus carries nothing, or carries frames again."""
+        self.channels.reported(pe, emergency)
+
+    def own_channels_lost(self, channels: frozenset[int]) -> None:
+        """Note the channels of the manager's bus on which this manager hears nothing."""
+        self.channels.own(channels)
+
+    def is_of_a_radio(self, identifier: int) -> bool:
+        """Tell whether a gateway reports on a radio under this CAN identifier."""
+        return identifier in self.links.records
+
+    def gateway_lost(self, pe: str) -> None:
+        """Note that a PE is no longer available: if it is a gateway, its reports count anew when it is back."""
+        self.links.restarted(pe)
 
     def link_reported(self, frame: Frame) -> Changes:
         """Note a gateway's report on its radio; gives the changes that follow."""
@@ -216,9 +227,9 @@ class KnownSituation:
             return ()
         kind, _, name = element.partition(":")
         if kind == "pe":
-            return (PeAsked(name),) if self.suspicions.pe(name, pe) else ()
+            return (PeAsked(name),) if self._suspicions.pe(name, pe) else ()
         if kind == "bus":
-            self.suspicions.bus(name, pe)
+            self._suspicions.bus(name, pe)
             return ()
         element = self.failed.where(element, pe, emergency.code)
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
@@ -238,6 +249,24 @@ class KnownSituation:
         if is_new and self._mission.allows(request.index, request.detail):
             return self.enter(list(self._spec.phases)[request.index], pe)
         return ()
+
+    # Priorities
+
+    def can_change_priority(self, function: str) -> bool:
+        """Tell whether commands can name this function, so that its priority can be changed."""
+        return self.priorities.can_change(function)
+
+    def priority_fact(self, function: str) -> Fact:
+        """Give the priority of a function as a fact to announce."""
+        return self.priorities.told(self.priorities.index_of(function))
+
+    def priority_fact_at(self, index: int) -> Fact:
+        """Give the priority of the function with this index as a fact to announce."""
+        return self.priorities.told(index)
+
+    def accepted_requests(self, index: int) -> list[PriorityRequest]:
+        """List the executed requests for the priority of the function with this index."""
+        return self.priorities.accepted(index)
 
     def order_priority(self, function: str, priority: int | None) -> Changes:
         """Set a function's priority by an order of the operator (None: the spec's priority).
