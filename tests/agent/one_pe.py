@@ -210,7 +210,10 @@ class OnePe(SteppedCore[Event, Action]):
     def ask(self) -> tuple[StatePage0, StatePage1]:
         """PING, and both pages of the answer."""
         states = pages(
-            self.command(Ping(self.core.mastership.term or 1, NODE, 0), manager=self.core.mastership.manager or MANAGER)
+            self.command(
+                Ping(self.core.followed_manager.term or 1, NODE, 0),
+                manager=self.core.followed_manager.manager or MANAGER,
+            )
         )
         page_0, page_1 = states
         assert isinstance(page_0, StatePage0)

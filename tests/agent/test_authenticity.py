@@ -114,9 +114,12 @@ def test_whatever_comes_under_the_identifiers_of_managers_nothing_raises_and_not
     for identifier, data in said_so:
         one.pe.hear(Frame(identifier, data))
         one.pe.pass_time(MS)
-    assert (one.pe.core.mastership.term, one.pe.core.mastership.manager) == (1, MANAGER)  # that sent WELCOME
-    assert not one.pe.core.mastership.hears_lease(one.pe.now_ns)
-    assert one.pe.core.reconfiguration.state is PeState.UNCONFIGURED
+    assert (one.pe.core.followed_manager.term, one.pe.core.followed_manager.manager) == (
+        1,
+        MANAGER,
+    )  # that sent WELCOME
+    assert not one.pe.core.followed_manager.hears_lease(one.pe.now_ns)
+    assert one.pe.core.active_configuration.state is PeState.UNCONFIGURED
 
 
 # Terms and managers
@@ -188,7 +191,7 @@ def test_only_what_the_key_has_made_shows_that_a_pe_was_replaced(keyed: Keyed) -
 
 def test_a_neighbour_counts_with_a_key_only_after_a_silence() -> None:
     for has_key, holds in ((False, True), (True, False)):
-        authorization = OutputAuthorization(5 * BEAT_NS, has_key=has_key)
+        authorization = OutputAuthorization(5 * BEAT_NS, revoked=lambda: None, has_key=has_key)
         authorization.named(True, 0, has_activated=True)
         authorization.neighbour_runs(8, 7)
         assert authorization.allows(1) is not holds

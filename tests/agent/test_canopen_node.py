@@ -137,7 +137,7 @@ def test_its_state_is_that_of_its_state_frames(master: Master) -> None:
     master.pe.configure(FLYING, 7)
     master.pe.command(Lease(1, 7, Step.GO_ALL, 1007))
     page_0, page_1 = master.pe.ask()
-    running = master.pe.core.reconfiguration.running
+    running = master.pe.core.active_configuration.running
     assert state() == [
         *(PeState.ACTIVE, page_0.flags, 5, 7, 1007, running.slice_digest, 7, 1007),
         *(page_1.reason, page_1.load),

@@ -114,4 +114,4 @@ def test_a_manager_that_beats_slowly_is_heard_for_as_long_as_its_lease_lasts() -
         pe = OnePe(replace(GATEWAY_TABLE, command_period_ns=period_ns))
         pe.command(Lease(1, 7, Step.GO, 1007))
         pe.pass_time(6 * BEAT_NS)
-        assert pe.core.mastership.hears_lease(pe.now_ns) is hears
+        assert pe.core.followed_manager.hears_lease(pe.now_ns) is hears

@@ -17,7 +17,7 @@ def test_a_new_manager_takes_over_what_the_old_one_staged() -> None:
     pe = OnePe()
     pe.command(*slice_messages(FLYING, 7, 1007))
     pe.command(Activate(2, 7, Step.GO_ALL, 1007), manager=127)
-    assert pe.core.reconfiguration.running.epoch == 7
+    assert pe.core.active_configuration.running.epoch == 7
 
 
 def test_a_lease_settled_under_one_manager_is_no_short_cut_for_the_next() -> None:

@@ -51,9 +51,9 @@ def test_a_table_that_contradicts_itself_is_refused_with_the_remedy(table: PeTab
 @pytest.mark.parametrize(
     "break_it",
     [
-        lambda core: core.reconfiguration.live.pop(1),
-        lambda core: core.reconfiguration.live.update({4: 0}),
-        lambda core: core.reconfiguration.failed.add(1),
+        lambda core: core.active_configuration.live.pop(1),
+        lambda core: core.active_configuration.live.update({4: 0}),
+        lambda core: core.active_configuration.failed.add(1),
         lambda core: core.modules.schedule.stop(1),
     ],
 )

@@ -88,10 +88,10 @@ class _Watch:
         """Give the present values."""
         core = self._core
         assert core.authenticity is not None
-        running, staged = core.reconfiguration.running, core.staging.staged
+        running, staged = core.active_configuration.running, core.staging.staged
         return (
-            (core.mastership.manager, core.mastership.term, core.mastership.hears_lease(0)),
-            (running, core.reconfiguration.state, staged, core.staging.collecting()),
+            (core.followed_manager.manager, core.followed_manager.term, core.followed_manager.hears_lease(0)),
+            (running, core.active_configuration.state, staged, core.staging.collecting()),
             core.authenticity.is_open,
             (core.output_authorization.allows(0), core.modules.faults.pending),
         )
@@ -156,7 +156,7 @@ class Attacked:
             nonces = self._pe.nonces(_MS, self._node)
         self._pe.hear(*self._manager.welcome(self._node, nonces[0]))
         self._lead()
-        assert self._core.mastership.term == _TERM, "the PE does not accept the true manager"
+        assert self._core.followed_manager.term == _TERM, "the PE does not accept the true manager"
 
     def _lead(self) -> None:
         """Send a beat of the true manager, which the PE must accept."""

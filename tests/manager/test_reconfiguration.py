@@ -4,7 +4,7 @@ from heronry_dg.configuration import Configuration, Running
 from heronry_dg.objective import score
 from heronry_dg.plan import make_plan
 from heronry_dg.situation import Situation
-from heronry_manager.core.epochs.reconfiguration import Participant, Reconfiguration, Stage
+from heronry_manager.core.epochs.epoch import Epoch, Participant, Stage
 from heronry_manager.core.tables.compilation import Compiler
 from heronry_wire.management import Activate, Prepare, SliceBody, SliceHead, Step
 from heronry_wire.state_frames import PeState
@@ -15,9 +15,7 @@ NODES = {"left": 92, "middle": 93, "right": 94}
 FLYING = Configuration({"control": Running("left", "only"), "drive_left": Running("left", "only")})
 
 
-def opened(
-    *, awaited: tuple[str, ...] = PES, knows: tuple[str, ...] = (), on_board: tuple[str, ...] = ()
-) -> Reconfiguration:
+def opened(*, awaited: tuple[str, ...] = PES, knows: tuple[str, ...] = (), on_board: tuple[str, ...] = ()) -> Epoch:
     """An epoch for all three PEs, opened at time 0; `knows` are those that run the same slice already.
 
     With `on_board` it is contingency number 7, which these PEs hold.
@@ -35,7 +33,7 @@ def opened(
         )
         for pe in PES
     ]
-    return Reconfiguration(
+    return Epoch(
         term=1,
         epoch=300,
         plan=make_plan(spec, Situation(), FLYING, score(spec, Situation(), FLYING, None), optimal=True),
@@ -48,20 +46,18 @@ def opened(
     )
 
 
-def staged(epoch: Reconfiguration, *pes: str, now_ns: int = 0) -> None:
+def staged(epoch: Epoch, *pes: str, now_ns: int = 0) -> None:
     for pe in pes:
         epoch.staged(pe, has_staged=True, wants_body=False, now_ns=now_ns)
 
 
-def said(epoch: Reconfiguration) -> list[Prepare | SliceHead | SliceBody | Activate]:
+def said(epoch: Epoch) -> list[Prepare | SliceHead | SliceBody | Activate]:
     messages = list(epoch.outbox)
     epoch.outbox.clear()
     return messages
 
 
-def run(
-    epoch: Reconfiguration, from_ns: int, to_ns: int
-) -> tuple[list[Prepare | SliceHead | SliceBody | Activate], list[str]]:
+def run(epoch: Epoch, from_ns: int, to_ns: int) -> tuple[list[Prepare | SliceHead | SliceBody | Activate], list[str]]:
     """Let time pass, deadline by deadline; gives what was sent and which PEs are overdue."""
     messages, overdue = said(epoch), []
     now_ns = from_ns
@@ -151,7 +147,7 @@ def test_a_pe_that_must_break_is_awaited_even_beyond_a_radio() -> None:
     assert epoch.all_broken()
 
 
-def called_by_number(*on_board: str) -> Reconfiguration:
+def called_by_number(*on_board: str) -> Epoch:
     """An epoch that is contingency number 7; these PEs hold it."""
     epoch = opened(on_board=on_board)
     prepare, *_ = epoch.outbox

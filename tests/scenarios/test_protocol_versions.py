@@ -158,13 +158,13 @@ def test_a_pe_of_another_major_stages_nothing_and_is_named_in_one_sentence(
         f"it speaks protocol {OTHER}, and this manager {PROTOCOL}: install the same major version of heronry for both, "
         "and write its table anew with 'heronry table'"
     )
-    staged = simulation.fleet.running["control_pe"].core.reconfiguration.running
+    staged = simulation.fleet.running["control_pe"].core.active_configuration.running
     assert staged.epoch == 0
     flown = simulation.managers.foremost
     assert flown is not None
     assert flown.core.plan is not None
     assert {running.pe for running in flown.core.plan.configuration.modules.values()} <= {"sensor_pe", "tail_pe"}
-    assert simulation.fleet.running["tail_pe"].core.reconfiguration.running.epoch > 0
+    assert simulation.fleet.running["tail_pe"].core.active_configuration.running.epoch > 0
 
 
 @KEYS

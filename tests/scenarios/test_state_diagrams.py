@@ -17,13 +17,13 @@ from typing import Any
 
 import pytest
 
+from heronry_agent.core.active_configuration import ActiveConfiguration
 from heronry_agent.core.authenticity import Authenticity as PeAuthenticity
 from heronry_agent.core.faults import Faults
 from heronry_agent.core.phase_requests import _Watch
-from heronry_agent.core.reconfiguration import Reconfiguration as PeReconfiguration
 from heronry_agent.core.staging import UNCONFIGURED, Staging
 from heronry_manager.core.authentication.authenticity import Authenticity
-from heronry_manager.core.epochs import reconfiguration
+from heronry_manager.core.epochs import epoch
 from heronry_manager.core.mastership import claim
 from heronry_manager.core.mastership.claim import Claim
 from heronry_manager.core.membership import standing
@@ -130,7 +130,7 @@ def sessions(authenticity: Authenticity) -> States:
 MACHINES = (
     Machine("NOTHING COLLECTING STAGED", Staging, look=staging),
     Machine("FREE HELD", Exclusion, look=lambda x: {(pe, t): "HELD" for pe, held in x._holds.items() for t in held}),
-    Machine("ATTENDED RESTING", PeReconfiguration, look=lambda x: {"": "RESTING" if x.resting else "ATTENDED"}),
+    Machine("ATTENDED RESTING", ActiveConfiguration, look=lambda x: {"": "RESTING" if x.resting else "ATTENDED"}),
     Machine("WELL PENDING TOLD", Faults, look=faults),
     Machine("ARMED FIRED", _Watch, look=lambda x: {"": "ARMED" if x.armed else "FIRED"}),
     Machine("SETTLING FOLLOWED GONE", RadioLinks, look=radios),
@@ -140,7 +140,7 @@ MACHINES = (
 )
 TABLES: Mapping[str, TransitionTable[Any, Any]] = {
     "standing": standing.TRANSITIONS,
-    "epochs": reconfiguration.TRANSITIONS,
+    "epochs": epoch.TRANSITIONS,
     "mastership": claim.TRANSITIONS,
 }
 

@@ -37,10 +37,10 @@ def test_a_manager_that_believes_slander_is_found_out(monkeypatch: pytest.Monkey
 def test_a_standby_with_the_key_takes_over_and_is_believed() -> None:
     simulation = Simulation(SPEC, 5, key=Key(bytes(32)), standby=True)
     simulation.run_for(3_000 * MS)
-    active = {pe.core.mastership.manager for pe in simulation.fleet.running.values()}
+    active = {pe.core.followed_manager.manager for pe in simulation.fleet.running.values()}
     simulation.managers.kill()
     simulation.run_for(1_000 * MS)
-    assert {pe.core.mastership.manager for pe in simulation.fleet.running.values()} == {126, 127} - active
+    assert {pe.core.followed_manager.manager for pe in simulation.fleet.running.values()} == {126, 127} - active
     assert simulation.settle() == []
     assert not simulation.events_of(events.PeLost)
 
@@ -53,6 +53,6 @@ def test_a_forged_command_is_accepted_only_where_there_is_no_key(key: Key | None
     simulation.run_for(1_000 * MS)
     forger.leave()
     assert forger.attacks > 200
-    assert any(pe.core.mastership.term > 100 for pe in simulation.fleet.running.values()) is accepts
+    assert any(pe.core.followed_manager.term > 100 for pe in simulation.fleet.running.values()) is accepts
     refused = [pe.core.authenticity.refused.total() for pe in simulation.fleet.running.values() if pe.core.authenticity]
     assert all(count > 100 for count in refused)

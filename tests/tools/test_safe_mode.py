@@ -5,7 +5,7 @@ from functools import cache
 
 import pytest
 
-from heronry_agent.core.reconfiguration import Reconfiguration
+from heronry_agent.core.active_configuration import ActiveConfiguration
 from heronry_dg.expendable import expendable
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
@@ -63,7 +63,7 @@ def test_a_flight_in_which_expendable_modules_stop_breaks_nothing() -> None:
 
 
 def test_a_flight_that_goes_on_with_everything_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Reconfiguration, "expendable_live", lambda _: frozenset[int]())
+    monkeypatch.setattr(ActiveConfiguration, "expendable_live", lambda _: frozenset[int]())
     stories = alone_for_a_second(4)
     assert {story.split(" without")[0].split(" of ")[-1].split(" drives")[0] for story in stories} == RECORDING
 

@@ -509,7 +509,7 @@ def test_an_actuator_that_moves_late_and_without_authorization_is_seen(monkeypat
     assert flown(two_tails(), *faults) == []
 
     def without_asking(self: RunningModules, running: Any, writes: tuple[Value, ...]) -> None:
-        self._turn.out += [Drive(running.entry.index, value) for value in writes]
+        self._turn.do(*(Drive(running.entry.index, value) for value in writes))
 
     monkeypatch.setattr(RunningModules, "_drive", without_asking)
     assert "exclusion" in {rule for rule, _ in flown(two_tails(), *faults)}

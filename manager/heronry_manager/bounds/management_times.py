@@ -9,7 +9,7 @@ These frames are counted:
 
 Data and all other frames have lower priority; they delay a management frame by one frame of 8 bytes at most.
 
-*SLICE frames.* The manager paces them: it sends one in the time that two would take (`reconfiguration`). A bus that
+*SLICE frames.* The manager paces them: it sends one in the time that two would take (`core.epochs`). A bus that
 cannot carry an endless stream at that pace may still carry the SLICE frames of one reconfiguration. So the analysis is
 made twice, with a stream and with one burst, and the smaller result counts; both are upper bounds. Behind a gateway
 SLICE frames may come in a burst.

@@ -21,7 +21,7 @@ From a fault to a running configuration:
    requested mission phase, and an element that the operator fails or clears, change the situation like a fault.
 2. When the situation changes, the core requests a plan with `RequestPlan`. The answer is `PlanReady` or
    `PlanFailed`, with the number of the request, so that an answer to an older request is dropped.
-3. The plan becomes an epoch (`Reconfiguration`), and the epoch becomes the running configuration.
+3. The plan becomes an epoch (`epochs`), and the epoch becomes the running configuration.
 
 After each event the core does the following, in this order:
 
@@ -186,7 +186,7 @@ class ManagerCore:
         gap_ns = now_ns - self._turn.now_ns
         if gap_ns > self._longest_gap_ns:
             self._exclusion.slept(gap_ns)
-        self._turn.now_ns = now_ns
+        self._turn.begin(now_ns)
         match event:
             case Received(frame=frame):
                 self._inbound.take(frame)
@@ -197,7 +197,7 @@ class ManagerCore:
             case PlanFailed():
                 self._replanning.failed(event)
             case OperatorSaid():
-                self._turn.ask(*self._accept(event))
+                self._turn.do(*self._accept(event))
             case (
                 JournalTold() | AliveLeft() | ChannelsLost() | StoodStill()
             ):  # pragma: no branch - nothing else is left
@@ -297,11 +297,11 @@ class ManagerCore:
         """
         problem = module_problem(self._settings.spec, element)
         if problem is not None:
-            self._turn.ask(Reply(number, done=False, sentence=problem, is_unusable=True))
+            self._turn.do(Reply(number, done=False, sentence=problem, is_unusable=True))
             return
 
         def answer(text: str | None, why_not: str) -> None:
-            self._turn.ask(Reply(number, done=text is not None, sentence=why_not if text is None else text))
+            self._turn.do(Reply(number, done=text is not None, sentence=why_not if text is None else text))
 
         self._details.traceback(module_of(element), answer)
 

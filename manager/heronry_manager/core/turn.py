@@ -42,13 +42,17 @@ class Turn:
         self.seal: Callable[[list[ManagerAction]], list[ManagerAction]] | None = None  # adds TAGs
         self._actions: list[ManagerAction] = []
 
-    def ask(self, *actions: ManagerAction) -> None:
-        """Add actions to those that the driver gets after this turn; drop frames if this manager is `silent`."""
+    def begin(self, now_ns: int) -> None:
+        """Begin a call of the core at `now_ns`."""
+        self.now_ns = now_ns
+
+    def do(self, *actions: ManagerAction) -> None:
+        """Have the driver do these actions, after those of this turn so far; drop frames if this manager is `silent`."""
         self._actions += [action for action in actions if not (self.silent and isinstance(action, Send))]
 
     def send(self, command: Command, message: Encodable) -> None:
         """Send a command on the manager's bus."""
-        self.ask(Send(0, Frame(management_id(self.node, command), message.encode())))
+        self.do(Send(0, Frame(management_id(self.node, command), message.encode())))
 
     def keep(self, record: Record) -> None:
         """Add a record to the memory, and request that the driver writes the record to the journal.
@@ -57,7 +61,7 @@ class Turn:
         """
         if not self.silent:
             self.memory = self.memory.after(record)
-            self.ask(Keep(record))
+            self.do(Keep(record))
 
     def emit(
         self, kind: Callable[Concatenate[int, _Fields], Event], *fields: _Fields.args, **named: _Fields.kwargs
@@ -65,7 +69,7 @@ class Turn:
         """Add an event to the stream, with the time of this turn: its kind and its fields."""
         event = kind(self.now_ns, *fields, **named)
         self.recent.append(f"{self.now_ns} {event.kind}")
-        self.ask(Emit(event))
+        self.do(Emit(event))
 
     def end(self) -> list[ManagerAction]:
         """Return all actions that were requested since the last call of this method, in order, and forget them.

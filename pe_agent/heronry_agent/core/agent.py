@@ -3,11 +3,11 @@
 Each part of the agent has a file of its own, and decides one matter:
 
     inbound                                            which part takes a frame
-    command_acceptance, mastership                     which commands to accept
+    command_acceptance, followed_manager               which commands to accept
     staging                                            what to run next
-    reconfiguration                                    how the next configuration replaces the present one
+    active_configuration                               how the next configuration replaces the present one
     running_modules                                    what runs
-    output_authorization                               whether exclusive outputs are authorized
+    output_authorization, exclusive_frames             whether exclusive outputs are authorized
     condition, reporting, faults, canopen_node         what to report
     gateway, radios                                    what to forward
     deadlines                                          when to act
@@ -32,19 +32,20 @@ from collections import Counter, deque
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
+from heronry_agent.core.active_configuration import ActiveConfiguration
 from heronry_agent.core.authenticity import Authenticity, Secret
 from heronry_agent.core.canopen_node import CanopenNode
 from heronry_agent.core.channel_reports import ChannelReports
 from heronry_agent.core.command_acceptance import CommandAcceptance
 from heronry_agent.core.condition import Condition, StateReports
 from heronry_agent.core.deadlines import Deadlines
+from heronry_agent.core.exclusive_frames import ExclusiveFrames
+from heronry_agent.core.followed_manager import FollowedManager
 from heronry_agent.core.gateway import Gateway
 from heronry_agent.core.inbound import Inbound
-from heronry_agent.core.mastership import Mastership
 from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.pe_objects import Parts
 from heronry_agent.core.radios import Radios
-from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.reporting import Reporting
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.slice_reading import SliceReader
@@ -106,43 +107,49 @@ class AgentCore:
         gateway = Gateway(index)
         self._turn = turn
         self.lease_ns = index.lease_ns  # T_lease
-        mastership = self.mastership = Mastership(index.leased_ns)
+        followed_manager = self.followed_manager = FollowedManager(index.leased_ns)
+        exclusive_frames = ExclusiveFrames(turn, index, gateway)
         output_authorization = self.output_authorization = OutputAuthorization(
-            index.lease_ns, has_key=secret is not None
+            index.lease_ns, revoked=exclusive_frames.withdraw, has_key=secret is not None
         )
-        reconfiguration = self.reconfiguration = Reconfiguration(index)
+        active_configuration = self.active_configuration = ActiveConfiguration(index)
         staging = self.staging = Staging(SliceReader(index, missing_images), uplink.heartbeat_ns // 2)
-        modules = self.modules = RunningModules(turn, index, reconfiguration, output_authorization)
+        modules = self.modules = RunningModules(turn, index, active_configuration, output_authorization)
         modules.echoes.every = every_echo
-        without_manager = WithoutManager(turn, mastership, reconfiguration, modules)
-        condition = Condition(turn, index, mastership, output_authorization, staging, reconfiguration, modules)
+        without_manager = WithoutManager(turn, followed_manager, active_configuration, modules)
+        condition = Condition(
+            turn, index, followed_manager, output_authorization, staging, active_configuration, modules
+        )
         facts, pending = condition.facts, modules.faults.messages
         authenticity = None
         if secret is not None:
             authenticity = Authenticity(
                 turn,
                 index,
-                mastership,
+                followed_manager,
                 gateway,
                 facts=facts,
                 pending=pending,
                 secret=secret,
-                saw_epoch=lambda epoch: output_authorization.saw_epoch(epoch, reconfiguration.running.epoch),
+                saw_epoch=lambda epoch: output_authorization.saw_epoch(epoch, active_configuration.running.epoch),
             )
         self.authenticity = authenticity
         acceptance = CommandAcceptance(
             turn,
             index,
-            mastership,
+            followed_manager,
             output_authorization,
             staging,
-            reconfiguration,
+            active_configuration,
             modules,
             gateway,
+            exclusive_frames,
             without_manager,
             authenticity,
         )
-        parts = Parts(turn, index, incarnation, mastership, reconfiguration, modules, facts, authenticity=authenticity)
+        parts = Parts(
+            turn, index, incarnation, followed_manager, active_configuration, modules, facts, authenticity=authenticity
+        )
         canopen = CanopenNode(parts)
         reporting = Reporting(index, incarnation, now_ns, None if authenticity is None else authenticity.seal)
         reports = self._state_reports = StateReports(turn, condition, reporting, modules, authenticity)
@@ -154,7 +161,7 @@ class AgentCore:
             turn,
             index,
             output_authorization=output_authorization,
-            reconfiguration=reconfiguration,
+            active_configuration=active_configuration,
             modules=modules,
             gateway=gateway,
             authenticity=authenticity,
@@ -162,7 +169,6 @@ class AgentCore:
             services=canopen.handlers(),
             followed=followed,
         )
-        output_authorization.revoked = self._inbound.withdraw_exclusive
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
         self._due_ns: int | None = None  # the next deadline, once it has been computed
 
@@ -197,7 +203,7 @@ class AgentCore:
         Raises ValueError if `now_ns` is before that of the last call.
         """
         turn, inbound, radios = self._turn, self._inbound, self._radios
-        out = turn.begin(now_ns)
+        turn.begin(now_ns)
         if type(event) is Received:
             frame = event.frame
             identifier = frame.can_id
@@ -205,14 +211,14 @@ class AgentCore:
                 radios.measure(event)
             handler = inbound.handlers.get(identifier)
             if handler is None:
-                return radios.passed(out) if radios.ports else out
+                return radios.passed(turn.end()) if radios.ports else turn.end()
             if frame.extended or frame.remote or frame.error:
                 turn.count("not a data frame of 11 bits", identifier)
-                return out
+                return turn.end()
             turn.arrived(event.age_ns, inbound.late_ns)
             handler(event)
             if identifier in inbound.quiet:
-                return radios.passed(out) if radios.ports else out
+                return radios.passed(turn.end()) if radios.ports else turn.end()
         else:
             self._take_own(event)
         self._recent.append((now_ns, event))
@@ -220,7 +226,7 @@ class AgentCore:
         if turn.rewired:
             inbound.rewire()
         self._state_reports.immediate()
-        return radios.passed(out) if radios.ports else out
+        return radios.passed(turn.end()) if radios.ports else turn.end()
 
     def next_deadline_ns(self) -> int:
         """Time in ns at which to call `step` with a Tick, if no event comes before."""
@@ -232,9 +238,9 @@ class AgentCore:
     def validate(self) -> None:
         """Check every invariant; raises InvariantError, whose message ends with the last events."""
         try:
-            self.reconfiguration.validate()
+            self.active_configuration.validate()
             self.modules.validate()
-            running, staged = self.reconfiguration.running, self.staging.staged
+            running, staged = self.active_configuration.running, self.staging.staged
             require(staged.epoch != running.epoch or staged is running, "one epoch has two configurations")
         except InvariantError as error:
             story = "\n".join(f"  {at_ns} {event}" for at_ns, event in self._recent)

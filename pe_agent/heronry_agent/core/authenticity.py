@@ -54,8 +54,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from heronry_agent.core.followed_manager import FollowedManager
 from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.mastership import Mastership
 from heronry_agent.core.nonces import Nonces
 from heronry_agent.core.passing_welcomes import PassingWelcomes
 from heronry_agent.core.reporting import Facts
@@ -104,7 +104,7 @@ class Authenticity:
         self,
         turn: Turn,
         index: TableIndex,
-        mastership: Mastership,
+        followed_manager: FollowedManager,
         gateway: Gateway,
         *,
         facts: Callable[[], Facts],
@@ -119,11 +119,17 @@ class Authenticity:
         saw_epoch: called with the number of an epoch if a command with a right tag shows that a manager has activated
             this epoch, now or earlier.
         """
-        self._turn, self._index, self._mastership, self._facts, self._key = turn, index, mastership, facts, secret.key
+        self._turn, self._index, self._followed_manager, self._facts, self._key = (
+            turn,
+            index,
+            followed_manager,
+            facts,
+            secret.key,
+        )
         self._period_ns = index.table.ports[index.uplink].heartbeat_ns
         self._verifier = CommandVerifier(secret.key, index.lease_ns)
         self._handlers: dict[tuple[int, Command], Handler] = {}
-        self._states = StateSeal(index.node, secret.key, mastership, pending)
+        self._states = StateSeal(index.node, secret.key, followed_manager, pending)
         self._nonces = Nonces(secret.key, index.node, secret.salt, serves_ns=index.lease_ns, now_ns=turn.now_ns)
         self._saw_epoch = saw_epoch
         self._passing = PassingWelcomes(turn, gateway, index.lease_ns)
@@ -225,7 +231,7 @@ class Authenticity:
             return False
         if order.step is not Step.PREPARED and order.epoch != NO_EPOCH:
             self._saw_epoch(order.epoch)
-        return order.term > self._mastership.term
+        return order.term > self._followed_manager.term
 
     def _believe(self, manager: int, found: Held, tag: Frame) -> None:
         """Execute a verified command; if its handler forwards the command, forward its TAG too."""
@@ -235,12 +241,12 @@ class Authenticity:
             self._states.welcomed(manager, *self._verifier.places[manager])
             self._tell()
         turn.arrived_ns = found.arrived_ns
-        before = len(turn.out)
+        before = len(turn.actions)
         self._handlers[manager, found.command](event)
-        for action in turn.out[before:]:
+        for action in turn.actions[before:]:
             if isinstance(action, Send) and action.frame is event.frame:
-                turn.out.append(Send(action.port, tag))
-        if self._mastership.manager == manager and self._states.session is None:
+                turn.do(Send(action.port, tag))
+        if self._followed_manager.manager == manager and self._states.session is None:
             self._request_welcome()
 
     # State pages
@@ -252,7 +258,7 @@ class Authenticity:
             return
         self._requested_ns = turn.now_ns
         facts = self._facts()
-        turn.out.append(self._say(StatePage2(facts.state, facts.flags, self._nonces.to_say(turn.now_ns))))
+        turn.do(self._say(StatePage2(facts.state, facts.flags, self._nonces.to_say(turn.now_ns))))
 
     def seal(self, beat: int | None, said: bytes, digest: int) -> int:
         """Return the tag of a page 0 or page 1 for the uplink; 0 without a session.
@@ -275,7 +281,7 @@ class Authenticity:
         unproven = refused[Refusal.UNPROVEN]
         other = refused.total() - unproven - refused[Refusal.UNKNOWN]  # UNKNOWN: every start causes some
         page = StatePage3(facts.state, facts.flags, facts.digest, unproven % 0x10000, other % 0x10000)
-        self._turn.out.append(self._say(page))
+        self._turn.do(self._say(page))
 
     def _say(self, page: StatePage2 | StatePage3) -> Send:
         return Send(self._index.uplink, Frame(state_id(self._index.node), page.encode()))

@@ -42,7 +42,11 @@ class CanopenNode:
 
     def __init__(self, parts: Parts) -> None:
         turn, index = self._turn, self._index = parts.turn, parts.index
-        self._mastership, self._reconfiguration, self._modules = parts.mastership, parts.reconfiguration, parts.modules
+        self._followed_manager, self._active_configuration, self._modules = (
+            parts.followed_manager,
+            parts.active_configuration,
+            parts.modules,
+        )
         self._authenticity = parts.authenticity
         port = index.table.ports[index.uplink]
         self._network = NetworkManagement(index.node, index.ports, turn.now_ns)
@@ -69,9 +73,9 @@ class CanopenNode:
     def tick(self) -> None:
         """Send the heartbeat, answers and SDO segments that are due."""
         turn = self._turn
-        turn.out += self._network.tick(turn.now_ns, configured=self._configured(), managed=self._is_managed())
+        turn.do(*self._network.tick(turn.now_ns, configured=self._configured(), managed=self._is_managed()))
         answers, says_state = self._services.tick(turn.now_ns)
-        turn.out += answers
+        turn.do(*answers)
         turn.wants_page_0 |= says_state
         turn.wants_page_1 |= says_state
         if self._held and turn.now_ns >= self._turn_ns:
@@ -89,12 +93,12 @@ class CanopenNode:
         self.next_ns = min(self._network.next_ns, self._services.next_ns, self._sdo.next_ns, held_ns)
 
     def _configured(self) -> bool:
-        return self._reconfiguration.running.epoch != NO_EPOCH
+        return self._active_configuration.running.epoch != NO_EPOCH
 
     def _is_managed(self) -> bool:
         """Tell whether NMT commands are to be refused: a manager is heard, and has not unlocked this PE."""
         is_unlocked = self._authenticity is not None and self._authenticity.is_open
-        return self._mastership.hears_lease(self._turn.now_ns) and not is_unlocked
+        return self._followed_manager.hears_lease(self._turn.now_ns) and not is_unlocked
 
     def _locked(self) -> bool:
         return self._authenticity is not None and not self._authenticity.is_open
@@ -145,7 +149,7 @@ class CanopenNode:
         if isinstance(said, Malformed):
             self._turn.count("malformed node service", event.frame.can_id)
         else:
-            self._turn.out += said
+            self._turn.do(*said)
 
     def _is_from_beyond(self, event: Received) -> bool:
         if event.port == self._index.uplink:
@@ -155,4 +159,4 @@ class CanopenNode:
 
     def _say(self, answer: bytes | None) -> None:
         if answer is not None:
-            self._turn.out.append(Send(self._index.uplink, Frame(self._sdo_answer_id, answer)))
+            self._turn.do(Send(self._index.uplink, Frame(self._sdo_answer_id, answer)))

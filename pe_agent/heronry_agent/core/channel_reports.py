@@ -64,4 +64,4 @@ class ChannelReports:
 
     def _say(self, code: FaultCode, register: int, port: int, channel: int) -> None:
         message = Emergency(code, register, ElementKind.CHANNEL, port, channel)
-        self._turn.out.append(Send(self._index.uplink, Frame(self._emcy_id, message.encode())))
+        self._turn.do(Send(self._index.uplink, Frame(self._emcy_id, message.encode())))

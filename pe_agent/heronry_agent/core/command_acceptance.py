@@ -24,11 +24,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
+from heronry_agent.core.active_configuration import ActiveConfiguration
 from heronry_agent.core.authenticity import Authenticity
+from heronry_agent.core.exclusive_frames import ExclusiveFrames
+from heronry_agent.core.followed_manager import NO_TERM, FollowedManager
 from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.mastership import NO_TERM, Mastership
 from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.staging import Staging
 from heronry_agent.core.table_index import TableIndex
@@ -66,12 +67,13 @@ class CommandAcceptance:
 
     turn: Turn
     index: TableIndex
-    mastership: Mastership
+    followed_manager: FollowedManager
     output_authorization: OutputAuthorization
     staging: Staging
-    reconfiguration: Reconfiguration
+    active_configuration: ActiveConfiguration
     modules: RunningModules
     gateway: Gateway
+    exclusive_frames: ExclusiveFrames
     without_manager: WithoutManager
     authenticity: Authenticity | None
     _settled_lease: bytes | None = None  # last LEASE of the active manager, if the PE has done all that it commands
@@ -93,8 +95,8 @@ class CommandAcceptance:
         if event.port != self.index.uplink:
             self.turn.count("command from beyond", event.frame.can_id)
             return False
-        before = self.mastership.term
-        if self.mastership.admits(manager, term):
+        before = self.followed_manager.term
+        if self.followed_manager.admits(manager, term):
             if term != before:
                 self._settled_lease = None
                 self.turn.note("term", f"manager {manager} is active with term {term}")
@@ -110,8 +112,8 @@ class CommandAcceptance:
     def _lease(self, manager: int, event: Received) -> None:
         """Handle LEASE: note that the manager is active, and take the activation step that LEASE names."""
         data = event.frame.data
-        settled = data == self._settled_lease and not self.reconfiguration.resting
-        if settled and manager == self.mastership.manager and event.port == self.index.uplink:
+        settled = data == self._settled_lease and not self.active_configuration.resting
+        if settled and manager == self.followed_manager.manager and event.port == self.index.uplink:
             self.output_authorization.confirmed()
             self._leased(event)
             return
@@ -121,14 +123,14 @@ class CommandAcceptance:
         elif self._counts(manager, message.term, event):
             self._leased(event)
             self._take(message)
-            if self.reconfiguration.is_at(message.epoch, message.digest):
+            if self.active_configuration.is_at(message.epoch, message.digest):
                 self._settled_lease = data if message.step is Step.GO_ALL else None
                 self.without_manager.named()
 
     def _leased(self, event: Received) -> None:
-        self.mastership.leased(self.turn.arrived_ns)
+        self.followed_manager.leased(self.turn.arrived_ns)
         self.output_authorization.heard(self.turn.arrived_ns)
-        self.turn.out += self.gateway.down(Command.LEASE, event.frame.data, event.frame, self.turn.now_ns)
+        self.turn.do(*self.gateway.down(Command.LEASE, event.frame.data, event.frame, self.turn.now_ns))
 
     def _alive(self, manager: int, event: Received) -> None:
         """Handle ALIVE, which names the PEs that the manager considers available (protocol rule 6)."""
@@ -137,16 +139,18 @@ class CommandAcceptance:
         if read is None:
             self.turn.count("malformed command", frame.can_id)
         elif self._counts(manager, read[0], event):
-            self.output_authorization.named(read[1], self.turn.arrived_ns, has_activated=self.mastership.has_activated)
+            self.output_authorization.named(
+                read[1], self.turn.arrived_ns, has_activated=self.followed_manager.has_activated
+            )
             meaning = without_sequence(frame.data)
-            self.turn.out += self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns)
+            self.turn.do(*self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns))
 
     def _command(self, manager: int, command: Command, event: Received) -> None:
         message = decode_command(command, event.frame.data)
         if isinstance(message, Malformed):
             self.turn.count("malformed command", event.frame.can_id)
             return
-        term = self.mastership.term if isinstance(message, SliceHead | SliceBody) else message.term
+        term = self.followed_manager.term if isinstance(message, SliceHead | SliceBody) else message.term
         if not self._counts(manager, term, event):
             return
         if isinstance(message, Control) and not message.operation.is_known:
@@ -154,10 +158,10 @@ class CommandAcceptance:
         else:
             self._accept(message)
         if not (isinstance(message, Control) and message.operation is Operation.WELCOME):  # a WELCOME is not for all
-            self.turn.out += self.gateway.down(command, event.frame.data, event.frame, self.turn.now_ns)
+            self.turn.do(*self.gateway.down(command, event.frame.data, event.frame, self.turn.now_ns))
 
     def _accept(self, message: ManagementMessage) -> None:
-        turn, running = self.turn, self.reconfiguration.running
+        turn, running = self.turn, self.active_configuration.running
         match message:
             case Prepare():
                 self._prepare(message)
@@ -190,9 +194,9 @@ class CommandAcceptance:
         answers of all PEs, and ACTIVATE, pass the bus quickly.
         """
         before = self.staging.staged
-        self.turn.wants_page_1 = self.staging.prepare(command, self.reconfiguration.running)
+        self.turn.wants_page_1 = self.staging.prepare(command, self.active_configuration.running)
         if self.staging.staged is not before and self.staging.staged.epoch == command.epoch:
-            self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
+            self.turn.do(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
 
     def _take(self, order: Lease | Activate) -> None:
         """Take the activation step of a LEASE or ACTIVATE, if this PE runs or has staged the epoch in the command.
@@ -203,9 +207,9 @@ class CommandAcceptance:
         """
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None
-        self.mastership.has_activated |= order.step is Step.GO_ALL
-        running, staged = self.reconfiguration.running, self.staging.staged
-        if self.reconfiguration.is_at(order.epoch, order.digest):
+        self.followed_manager.has_activated |= order.step is Step.GO_ALL
+        running, staged = self.active_configuration.running, self.staging.staged
+        if self.active_configuration.is_at(order.epoch, order.digest):
             target = running
         elif (order.epoch, order.digest) == (staged.epoch, staged.digest):
             target = staged
@@ -215,18 +219,19 @@ class CommandAcceptance:
             return self.output_authorization.saw_epoch(order.epoch, running.epoch)
         if order.step is Step.GO_ALL:
             self.output_authorization.confirmed()
-        moves = self.reconfiguration.advance(target, order.step)
+        moves = self.active_configuration.advance(target, order.step)
         if moves is None:
             return None
         self._settled_lease = None
         before = self._sends
         self._sends = target.slice if order.step >= Step.GO else target.slice.restricted_to(before)
         self.modules.carry_out(moves, self._sends)
+        self.exclusive_frames.published(self._sends.publish)
         self.gateway.rewire(self._sends.forward)
         self.turn.rewired = True
         self._withdraw(before, self._sends)
         self.turn.wants_page_0 = True
-        self.turn.note("step", f"epoch {order.epoch} at {order.step.name}: {self.reconfiguration.state.name}")
+        self.turn.note("step", f"epoch {order.epoch} at {order.step.name}: {self.active_configuration.state.name}")
         return None
 
     def _withdraw(self, before: Slice, after: Slice) -> None:

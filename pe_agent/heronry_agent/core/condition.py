@@ -9,10 +9,10 @@ key a page 0 also follows every EMCY immediately, since the tag of the page auth
 
 from dataclasses import dataclass
 
+from heronry_agent.core.active_configuration import ActiveConfiguration
 from heronry_agent.core.authenticity import Authenticity
-from heronry_agent.core.mastership import Mastership
+from heronry_agent.core.followed_manager import FollowedManager
 from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.reporting import Facts, Reporting
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.staging import Staging
@@ -27,10 +27,10 @@ class Condition:
 
     turn: Turn
     index: TableIndex
-    mastership: Mastership
+    followed_manager: FollowedManager
     output_authorization: OutputAuthorization
     staging: Staging
-    reconfiguration: Reconfiguration
+    active_configuration: ActiveConfiguration
     modules: RunningModules
     _hears_lease: bool = False  # as last logged
     _is_held: bool = False  # exclusive outputs, as last logged
@@ -42,7 +42,7 @@ class Condition:
         authorized.
         """
         now_ns = self.turn.now_ns
-        hears_lease = self.mastership.hears_lease(now_ns)
+        hears_lease = self.followed_manager.hears_lease(now_ns)
         held = self.modules.has_exclusive_output and not self.output_authorization.allows(now_ns)
         self._note_changes(hears_lease, held)
         flags = PeFlags.HEARS_LEASE if hears_lease else PeFlags(0)
@@ -50,9 +50,9 @@ class Condition:
             flags |= PeFlags.FAULT_PENDING
         if held:
             flags |= PeFlags.OUTPUT_HELD
-        running = self.reconfiguration.running
+        running = self.active_configuration.running
         return Facts(
-            self.reconfiguration.state,
+            self.active_configuration.state,
             flags,
             running.epoch,
             running.digest,
@@ -88,7 +88,7 @@ class StateReports:
 
     def tick(self) -> None:
         """Send the state frames that are due once in a heartbeat period."""
-        self.turn.out += self.reporting.tick(self.turn.now_ns, self.condition.facts())
+        self.turn.do(*self.reporting.tick(self.turn.now_ns, self.condition.facts()))
         if self.authenticity is not None:
             self.authenticity.beat()
 
@@ -100,4 +100,4 @@ class StateReports:
             turn.wants_page_0 = True
         if turn.wants_page_0 or turn.wants_page_1:
             facts = self.condition.facts()
-            turn.out += self.reporting.immediate(facts, page_0=turn.wants_page_0, page_1=turn.wants_page_1)
+            turn.do(*self.reporting.immediate(facts, page_0=turn.wants_page_0, page_1=turn.wants_page_1))

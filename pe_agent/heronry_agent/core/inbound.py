@@ -16,11 +16,11 @@ An identifier is *quiet* if its frames change no deadline and cause no state fra
 from collections.abc import Callable, Collection, Iterable
 from functools import partial
 
+from heronry_agent.core.active_configuration import ActiveConfiguration
 from heronry_agent.core.authenticity import Authenticity
 from heronry_agent.core.gateway import Gateway
 from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.publishing import ECHO_NODES
-from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
@@ -45,7 +45,7 @@ class Inbound:
         index: TableIndex,
         *,
         output_authorization: OutputAuthorization,
-        reconfiguration: Reconfiguration,
+        active_configuration: ActiveConfiguration,
         modules: RunningModules,
         gateway: Gateway,
         authenticity: Authenticity | None,
@@ -61,9 +61,9 @@ class Inbound:
             None: those of all actuators.
         """
         self._turn, self._index = turn, index
-        self._output_authorization, self._reconfiguration, self._modules = (
+        self._output_authorization, self._active_configuration, self._modules = (
             output_authorization,
-            reconfiguration,
+            active_configuration,
             modules,
         )
         self._gateway, self._authenticity = gateway, authenticity
@@ -80,10 +80,6 @@ class Inbound:
         self.handlers = self._fixed | self._data_handlers()
         self.quiet = self._quiet_ids()
 
-    def withdraw_exclusive(self) -> None:
-        """Withdraw unsent exclusive frames, since another PE may now send under their identifiers."""
-        self._turn.withdraw(self._index.identifiers(self._modules.exclusive_sources) | self._gateway.contested_ids)
-
     def _fixed_handlers(
         self,
         commands: Iterable[tuple[int, Handler]],
@@ -99,7 +95,7 @@ class Inbound:
 
     def _data_handlers(self) -> dict[int, Handler]:
         sources = self._index.table.sources
-        remote = self._reconfiguration.running.slice.remote
+        remote = self._active_configuration.running.slice.remote
         handlers: dict[int, Handler] = dict.fromkeys(self._gateway.data_ids, self._forward)
         for source in remote.keys() & self._modules.mailboxes.boxes.keys():
             handlers[sources[source].identifier] = partial(self._datum, source)
@@ -123,7 +119,7 @@ class Inbound:
 
     def _forward(self, event: Received) -> None:
         turn = self._turn
-        turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns)
+        turn.do(*self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns))
 
     def _contested_until_ns(self, now_ns: int) -> int | None:
         """Time in ns until which the received exclusive frame may be forwarded to the uplink; None: it may not.
@@ -137,7 +133,7 @@ class Inbound:
         )
 
     def _from_beyond(self, event: Received) -> None:
-        self._turn.out += self._gateway.up(event.port, event.frame)
+        self._turn.do(*self._gateway.up(event.port, event.frame))
 
     def _state(self, event: Received) -> None:
         """Process a state of another PE.
@@ -152,7 +148,7 @@ class Inbound:
         if page_of(data) == 0:
             if event.port == self._index.uplink:
                 self._output_authorization.heard(self._turn.arrived_ns)
-            epoch, running = epoch_of(data), self._reconfiguration.running.epoch
+            epoch, running = epoch_of(data), self._active_configuration.running.epoch
             if epoch != running:
                 self._output_authorization.neighbour_runs(epoch, running)
         if event.port != self._index.uplink:
@@ -162,7 +158,7 @@ class Inbound:
         """Hand the value in another PE's output echo to the plant of this PE; a gateway also forwards the echo."""
         heard = self._modules.heard_echo(event.frame)
         if heard is not None:
-            self._turn.out.append(Heard(*heard))
+            self._turn.do(Heard(*heard))
         self._from_beyond(event)
 
     def _own_identifier(self, event: Received) -> None:

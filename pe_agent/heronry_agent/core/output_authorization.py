@@ -45,7 +45,7 @@ silence longer than T_lease this PE is in doubt, and holds its outputs back. The
 - A manager that does not receive the state frames of this PE sends PING once in a period. From two periods after the
   first PING on, this PE sends none of these data frames, until an ALIVE comes a period and an eighth or more after the
   last PING.
-- When a frame ends (a), (c) or (d), the data frames that wait are withdrawn (`revoked`). For example, a PE whose
+- When a frame ends (a), (c) or (d), the data frames that wait are withdrawn (`exclusive_frames`). For example, a PE whose
   transmitter had failed has been replaced, and must not send these frames when the transmitter works again.
 
 *Wrong frames.* A lost, late or doubled frame can only withdraw an authorization, never give one. Without a key a forged
@@ -69,14 +69,15 @@ from heronry_wire.protocol_times import IDENTIFIER_PERIODS, LEASE_PERIODS
 class OutputAuthorization:
     """Computes, from the frames that one PE has received, whether its exclusive outputs are authorized."""
 
-    def __init__(self, lease_ns: int, *, has_key: bool = False) -> None:
+    def __init__(self, lease_ns: int, *, revoked: Callable[[], None], has_key: bool = False) -> None:
         """Begin without authorization.
 
         lease_ns: T_lease, the time within which another node must be heard.
+        revoked: called when a frame has ended an authorization.
         has_key: commands are verified with a key.
         """
         self._has_key = has_key
-        self.revoked: Callable[[], None] = _withdraw_nothing  # called when a frame has ended an authorization
+        self._revoked = revoked
         self._lease_ns = lease_ns
         self._identifier_ns = lease_ns * IDENTIFIER_PERIODS // LEASE_PERIODS
         self._named = False
@@ -143,7 +144,7 @@ class OutputAuthorization:
         if is_named and has_activated:
             self._doubted_ns = self._identifiers_doubted_ns = None
         elif was_named and not is_named:
-            self.revoked()
+            self._revoked()
 
     def pinged(self, arrived_ns: int) -> None:
         """Note a PING for this PE: the manager has missed a state frame of this PE."""
@@ -162,7 +163,7 @@ class OutputAuthorization:
         """Note that another node has sent a frame under this PE's node-ID; this ends the authorization for T_lease."""
         was_clashed, self._clashed_ns = not self._is_past(self._clashed_ns, arrived_ns), arrived_ns
         if not was_clashed:
-            self.revoked()
+            self._revoked()
 
     def neighbour_runs(self, epoch: int, running: int) -> None:
         """Note that another PE reports `epoch`; this PE is overtaken if its own epoch, `running`, is older.
@@ -191,8 +192,4 @@ class OutputAuthorization:
     def _overtake(self) -> None:
         if not self._overtaken:
             self._overtaken = True
-            self.revoked()
-
-
-def _withdraw_nothing() -> None:
-    """Do nothing; `revoked` is set to this function until the agent sets it to a function of its own."""
+            self._revoked()

@@ -26,7 +26,7 @@ class PassingWelcomes:
     def hand_on(self, node: int, welcome: Frame) -> None:
         """Forward a WELCOME toward `node`, the node for which it is, and remember that its TAG must follow."""
         self._nodes.append((node, self._turn.arrived_ns))
-        self._turn.out += self._gateway.toward(node, welcome)
+        self._turn.do(*self._gateway.toward(node, welcome))
 
     def wait(self) -> bool:
         """Tell whether a TAG of a forwarded WELCOME may still come; forgets WELCOMEs that are older than T_lease."""
@@ -38,4 +38,4 @@ class PassingWelcomes:
         """Forward a TAG toward the node of the oldest WELCOME that still lacks its TAG."""
         node, _ = self._nodes.popleft()
         self._turn.count("answer to another node", tag.can_id)
-        self._turn.out += self._gateway.toward(node, tag)
+        self._turn.do(*self._gateway.toward(node, tag))

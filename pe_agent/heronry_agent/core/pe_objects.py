@@ -17,12 +17,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 
+from heronry_agent.core.active_configuration import ActiveConfiguration
 from heronry_agent.core.authenticity import Authenticity
-from heronry_agent.core.mastership import Mastership
+from heronry_agent.core.followed_manager import FollowedManager
 from heronry_agent.core.network_management import NetworkManagement
 from heronry_agent.core.node_services import NodeServices
 from heronry_agent.core.object_dictionary import ObjectDictionary
-from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.reporting import Facts
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.table_index import TableIndex
@@ -72,8 +72,8 @@ class Parts:
     turn: Turn
     index: TableIndex
     incarnation: int
-    mastership: Mastership
-    reconfiguration: Reconfiguration
+    followed_manager: FollowedManager
+    active_configuration: ActiveConfiguration
     modules: RunningModules
     facts: Callable[[], Facts]
     take_table: Callable[[bytes], Abort | None] | None = None
@@ -103,8 +103,8 @@ class PeObjects:
                 (SPEC, 2): lambda: self._parts.index.table.spec,
                 (SPEC, 3): lambda: self._parts.index.table.spec_digest,
                 (SPEC, 4): lambda: PROTOCOL.number,
-                (MASTERSHIP, 1): lambda: self._parts.mastership.manager,
-                (MASTERSHIP, 2): lambda: self._parts.mastership.term,
+                (MASTERSHIP, 1): lambda: self._parts.followed_manager.manager,
+                (MASTERSHIP, 2): lambda: self._parts.followed_manager.term,
                 (MASTERSHIP, 3): lambda: int(PeFlags.HEARS_LEASE in self._parts.facts().flags),
                 (COUNTERS, 1): lambda: sum(self._parts.turn.counts.values()),
                 (COUNTERS, 2): lambda: sum(self._parts.modules.schedule.overruns.values()),
@@ -127,12 +127,12 @@ class PeObjects:
             },
             number_writers={(HEARTBEAT_TIME, 0): self._set_heartbeat, (ERROR_HISTORY, 0): self._forget_errors},
             bytes_writers={(TABLE, 0): self._take_table},
-            takes_bytes=lambda: self._parts.reconfiguration.running.epoch == NO_EPOCH,
+            takes_bytes=lambda: self._parts.active_configuration.running.epoch == NO_EPOCH,
         )
 
     def _state(self, number: int) -> int:
         """Return the value at sub-index `number` of object 2000h, the state of the PE."""
-        facts, running = self._parts.facts(), self._parts.reconfiguration.running
+        facts, running = self._parts.facts(), self._parts.active_configuration.running
         return (
             facts.state,
             facts.flags,
@@ -147,18 +147,18 @@ class PeObjects:
         )[number - 1]
 
     def _module_state(self, module: int) -> int:
-        reconfiguration = self._parts.reconfiguration
-        if module in reconfiguration.live:
+        active_configuration = self._parts.active_configuration
+        if module in active_configuration.live:
             return _RUNNING
-        if module in reconfiguration.held:
+        if module in active_configuration.held:
             return _HELD
-        if module in reconfiguration.failed:
+        if module in active_configuration.failed:
             return _FAILED
-        wanted = {one.module for one in reconfiguration.running.slice.modules}
+        wanted = {one.module for one in active_configuration.running.slice.modules}
         return _NOT_STARTED if module in wanted else _NOT_WANTED
 
     def _module_mode(self, module: int) -> str:
-        mode = self._parts.reconfiguration.live.get(module)
+        mode = self._parts.active_configuration.live.get(module)
         return "" if mode is None else self._parts.index.modules[module].modes[mode].name
 
     def _failure(self, module: int) -> Failure:

@@ -35,7 +35,7 @@ class Radios:
         """Use a frame from a radio to measure the bandwidth; if the radio was gone, report that it is back."""
         frame, radio = event.frame, self.ports.get(event.port)
         if radio is not None and not (frame.extended or frame.remote or frame.error):
-            self._turn.out += radio.heard(frame, self._turn.now_ns)
+            self._turn.do(*radio.heard(frame, self._turn.now_ns))
 
     def passed(self, out: list[Action]) -> list[Action]:
         """Take the frames to radios out of the actions and queue them; returns the actions that are to be executed now.

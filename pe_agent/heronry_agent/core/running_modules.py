@@ -30,6 +30,7 @@ not follow its command, although its servo is healthy. The reporting module is s
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
+from heronry_agent.core.active_configuration import ActiveConfiguration, Moves
 from heronry_agent.core.echo_pace import EchoPace
 from heronry_agent.core.failure_texts import FailureTexts
 from heronry_agent.core.faults import Faults
@@ -38,7 +39,6 @@ from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.phase_requests import PhaseRequests
 from heronry_agent.core.priority_requests import PriorityRequests
 from heronry_agent.core.publishing import Publisher
-from heronry_agent.core.reconfiguration import Moves, Reconfiguration
 from heronry_agent.core.restarts import Restarts
 from heronry_agent.core.schedule import Schedule
 from heronry_agent.core.table_index import TableIndex
@@ -93,11 +93,15 @@ class RunningModules:
     """Starts, steps and stops the modules of one PE."""
 
     def __init__(
-        self, turn: Turn, index: TableIndex, reconfiguration: Reconfiguration, output_authorization: OutputAuthorization
+        self,
+        turn: Turn,
+        index: TableIndex,
+        active_configuration: ActiveConfiguration,
+        output_authorization: OutputAuthorization,
     ) -> None:
         self._turn = turn
         self._index = index
-        self._reconfiguration = reconfiguration
+        self._active_configuration = active_configuration
         self._output_authorization = output_authorization
         self._running: dict[int, _Running] = {}
         self._publish: dict[int, tuple[int, ...]] = {}  # ports of each source
@@ -121,7 +125,7 @@ class RunningModules:
         for module in moves.stop:
             self._stop(module, keep=module in moves.keep)
         for module in moves.drop:
-            self._turn.out.append(StopModule(module))
+            self._turn.do(StopModule(module))
         if wanted is not None:
             self._wire(wanted, rewire=moves.rewire)
         for module, mode in moves.start:
@@ -138,11 +142,6 @@ class RunningModules:
         }
 
     @property
-    def exclusive_sources(self) -> frozenset[int]:
-        """Sources that this PE publishes, and that another PE would publish if their module moved there."""
-        return self._index.movable.intersection(self._publish)
-
-    @property
     def next_ns(self) -> int:
         """Time in ns at which to call `tick`, if no event comes before."""
         return min(self.schedule.next_ns, self.restarts.next_ns)
@@ -151,7 +150,7 @@ class RunningModules:
         """Restart the modules whose restart is due, and request a measurement of each step that takes too long."""
         for module in self.restarts.due(self._turn.now_ns):
             self._begin(module)
-        self._turn.out += [MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)]
+        self._turn.do(*(MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)))
 
     def release(self) -> None:
         """Begin the step of every module that is due."""
@@ -165,7 +164,7 @@ class RunningModules:
                     self._held_ns = now_ns
                     continue
             inputs = self.mailboxes.inputs(module, now_ns)
-            self._turn.out.append(StepModule(module, self.schedule.begin(module, now_ns), inputs, until_ns))
+            self._turn.do(StepModule(module, self.schedule.begin(module, now_ns), inputs, until_ns))
 
     def stepped(self, event: Stepped) -> None:
         """Process the answer to a step: outputs, commands to the device, reports and requests."""
@@ -175,7 +174,7 @@ class RunningModules:
         running = self._running[event.module]
         self._drive(running, event.writes)
         if running.entry.silent_output and self.echoes.is_due(event.module, self._turn.now_ns):
-            self._turn.out.append(Send(self._index.uplink, self._publisher.output_echo(event.module, running.mode)))
+            self._turn.do(Send(self._index.uplink, self._publisher.output_echo(event.module, running.mode)))
         for element, detail in event.reports:
             self._report(running, element, detail)
         for phase in event.phases:
@@ -199,7 +198,7 @@ class RunningModules:
             return
         echo = self._publisher.echo(running.entry.device or "", event.value)
         frame = echo or self._publisher.output_echo(event.module, running.mode)
-        self._turn.out.append(Send(self._index.uplink, frame))
+        self._turn.do(Send(self._index.uplink, frame))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
         """Restart or give up each module that has failed; if its module was stopped, a failed step is only counted."""
@@ -227,7 +226,7 @@ class RunningModules:
         if not self.schedule.hangs(event.module, event.release, event.spent_ns, self._turn.now_ns):
             return
         partition = self._index.modules[event.module].partition
-        self._turn.out.append(EndPartition(partition))
+        self._turn.do(EndPartition(partition))
         self._lost(
             partition, event.module, f"it hangs, after {event.spent_ns // 1_000_000} ms", FaultCode.MODULE_OVERRUN
         )
@@ -250,7 +249,7 @@ class RunningModules:
 
     def _give_up(self, module: int, failure: Failure, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
         """Stop a module, do not restart it any more, and report the failure to the manager."""
-        if not self._reconfiguration.drop(module):
+        if not self._active_configuration.drop(module):
             return
         name, reason = self._running[module].entry.name, self.failures.found(module, failure)
         self._stop(module)
@@ -305,13 +304,13 @@ class RunningModules:
         cleared = []
         for module in sorted(self._lacking):
             self._tell(self.faults.tell_again(ElementKind.MODULE, module, now_ns))
-        for module in sorted(self._reconfiguration.failed):
+        for module in sorted(self._active_configuration.failed):
             told = self.faults.tell_again(ElementKind.MODULE, module, now_ns)
             self._tell(told)
             cleared += [] if told else [module]
         self._tell(self.faults.tell_all_again(self._output_authorization.hears_since_ns(self._turn.arrived_ns), now_ns))
         if cleared:
-            self.carry_out(self._reconfiguration.forgive(cleared), None)
+            self.carry_out(self._active_configuration.forgive(cleared), None)
 
     def heard_echo(self, frame: Frame) -> tuple[str, float] | None:
         """Decode another PE's output echo into (device, value); None if the frame is no such echo."""
@@ -320,7 +319,7 @@ class RunningModules:
     def validate(self) -> None:
         """Check that exactly the modules run that the reconfiguration wants; raises InvariantError."""
         modes = {module: running.mode for module, running in self._running.items()}
-        live = self._reconfiguration.live
+        live = self._active_configuration.live
         require(modes == live, "modules {} run, but the reconfiguration wants {}", modes, live)
         scheduled = self.schedule.modules
         require(
@@ -340,7 +339,7 @@ class RunningModules:
         entry, mode = running.entry, running.mode
         self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)
         self.phase_requests.started(module, mode)
-        self._turn.out.append(StartModule(module, entry, mode))
+        self._turn.do(StartModule(module, entry, mode))
 
     def _stop(self, module: int, *, keep: bool = False) -> None:
         del self._running[module]
@@ -353,7 +352,7 @@ class RunningModules:
         self.schedule.stop(module)
         self.phase_requests.stopped(module)
         self._priority_requests.stopped(module)
-        self._turn.out.append(StopModule(module, keep))
+        self._turn.do(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
         """Restart all modules of a partition that has ended; give up those that have failed too often.
@@ -393,7 +392,7 @@ class RunningModules:
             self._turn.count("write held", running.entry.index)
             self._held_ns = self._turn.now_ns
             return
-        self._turn.out += [Drive(running.entry.index, value) for value in writes]
+        self._turn.do(*(Drive(running.entry.index, value) for value in writes))
 
     def _take_stock(self) -> None:
         """Recompute the load, and whether this PE has exclusive outputs, after a change of the running modules."""
@@ -432,7 +431,7 @@ class RunningModules:
                 self._held_ns = self._turn.now_ns
                 return
         self._publisher.sent(frame)
-        self._turn.out += [Send(port, frame, until_ns) for port in ports]
+        self._turn.do(*(Send(port, frame, until_ns) for port in ports))
 
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
         """Send an EMCY about a module, for an event that is not a fault; returns whether the EMCY was sent.
@@ -465,7 +464,7 @@ class RunningModules:
             self._held_ns = self._turn.now_ns
         if self._turn.now_ns < self._held_ns + EVALUATED_AFTER_NS:
             self._turn.count("report while outputs are held", running.entry.index)
-            self._turn.out.append(StartModule(running.entry.index, running.entry, running.mode))
+            self._turn.do(StartModule(running.entry.index, running.entry, running.mode))
             return
         if self._found(FaultCode.REPORTED, *found, detail):
             self._turn.note("fault", f"module {running.entry.name} reports {element} failed, detail {detail}")
@@ -497,4 +496,4 @@ class RunningModules:
         return bool(frames)
 
     def _tell(self, frames: list[Frame]) -> None:
-        self._turn.out += [Send(self._index.uplink, frame) for frame in frames]
+        self._turn.do(*(Send(self._index.uplink, frame) for frame in frames))

@@ -20,24 +20,26 @@ them in turn.
 
 from collections.abc import Callable, Sequence
 
-from heronry_agent.core.mastership import Mastership
+from heronry_agent.core.followed_manager import FollowedManager
 from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, PAGE_1_BEAT, Key, Session
 
 
 class StateSeal:
     """Keeps the sessions of one PE, and computes the tags of its state pages."""
 
-    def __init__(self, node: int, key: Key, mastership: Mastership, pending: Callable[[], Sequence[bytes]]) -> None:
+    def __init__(
+        self, node: int, key: Key, followed_manager: FollowedManager, pending: Callable[[], Sequence[bytes]]
+    ) -> None:
         """Begin without a session; `pending` returns every EMCY that the manager has not acknowledged yet."""
-        self._node, self._key, self._mastership, self._pending = node, key, mastership, pending
+        self._node, self._key, self._followed_manager, self._pending = node, key, followed_manager, pending
         self._sessions: dict[int, Session] = {}  # by manager
         self._first_beat: int | None = None
 
     @property
     def session(self) -> Session | None:
         """The session with the active manager; None if this manager has begun no session in its present term."""
-        session = self._sessions.get(self._mastership.manager)
-        return session if session is not None and session.term == self._mastership.term else None
+        session = self._sessions.get(self._followed_manager.manager)
+        return session if session is not None and session.term == self._followed_manager.term else None
 
     def welcomed(self, manager: int, term: int, counter: int) -> None:
         """Begin a session with a manager, unless there is one with this manager in this term.
@@ -52,7 +54,7 @@ class StateSeal:
 
     def end_session(self) -> None:
         """End the session of the active manager."""
-        self._sessions.pop(self._mastership.manager, None)
+        self._sessions.pop(self._followed_manager.manager, None)
 
     def tag(self, beat: int | None, said: bytes, digest: int) -> int:
         """Return the tag of a page on the uplink; 0 without a session.

@@ -17,11 +17,11 @@ class Turn:
     """What all parts of the agent share during one call of the core."""
 
     __slots__ = (
+        "actions",
         "arrived_ns",
         "counts",
         "held_until_ns",
         "now_ns",
-        "out",
         "rewired",
         "standstills",
         "wants_page_0",
@@ -35,17 +35,24 @@ class Turn:
         self.held_until_ns = now_ns - 1  # end of the last pause of the process: frames from before may be outdated
         self.counts: Counter[tuple[str, int]] = Counter()  # malformed or refused, by cause and identifier; never reset
         self.standstills = Standstills(period_ns)
-        self.out: list[Action] = []
+        self.actions: list[Action] = []  # that were requested since the last `end`
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
 
-    def begin(self, now_ns: int) -> list[Action]:
-        """Begin a call of the core, and return its empty list of actions; raises ValueError if time goes back."""
+    def begin(self, now_ns: int) -> None:
+        """Begin a call of the core, without actions and requests; raises ValueError if time goes back."""
         if now_ns < self.now_ns:
             raise ValueError(f"time went back from {self.now_ns} to {now_ns}: give the agent a monotonic clock")
         self.now_ns = self.arrived_ns = now_ns
-        self.out = []
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
-        return self.out
+
+    def do(self, *actions: Action) -> None:
+        """Have the driver do these actions, after those of this call so far."""
+        self.actions += actions
+
+    def end(self) -> list[Action]:
+        """Return all actions that were requested since the last call of this method, in order, and forget them."""
+        actions, self.actions = self.actions, []
+        return actions
 
     def arrived(self, age_ns: int, late_ns: int) -> None:
         """Set the age in ns of the frame that the core handles in its present call.
@@ -60,11 +67,11 @@ class Turn:
     def withdraw(self, identifiers: frozenset[int]) -> None:
         """Have the driver drop unsent frames with these CAN identifiers."""
         if identifiers:
-            self.out.append(Withdraw(identifiers))
+            self.do(Withdraw(identifiers))
 
     def note(self, kind: str, text: str) -> None:
         """Add a line to the log; `kind` is one word, by which lines can be filtered."""
-        self.out.append(Note(kind, text))
+        self.do(Note(kind, text))
 
     def count(self, what: str, identifier: int) -> None:
         """Count one more frame or answer that is malformed or refused; `what` is the cause.

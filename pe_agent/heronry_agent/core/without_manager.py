@@ -19,8 +19,8 @@ came in the pause are handled before the deadline of the lease is checked, so a 
 can only start modules of the present configuration. After a restart the PE runs nothing.
 """
 
-from heronry_agent.core.mastership import Mastership
-from heronry_agent.core.reconfiguration import Moves, Reconfiguration
+from heronry_agent.core.active_configuration import ActiveConfiguration, Moves
+from heronry_agent.core.followed_manager import FollowedManager
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.turn import Turn
 from heronry_wire.sansio import NEVER_NS
@@ -30,10 +30,14 @@ class WithoutManager:
     """Stops the expendable modules of one PE while no manager is heard, and starts them again."""
 
     def __init__(
-        self, turn: Turn, mastership: Mastership, reconfiguration: Reconfiguration, modules: RunningModules
+        self,
+        turn: Turn,
+        followed_manager: FollowedManager,
+        active_configuration: ActiveConfiguration,
+        modules: RunningModules,
     ) -> None:
-        self._turn, self._mastership = turn, mastership
-        self._reconfiguration, self._modules = reconfiguration, modules
+        self._turn, self._followed_manager = turn, followed_manager
+        self._active_configuration, self._modules = active_configuration, modules
 
     @property
     def next_ns(self) -> int:
@@ -41,19 +45,19 @@ class WithoutManager:
 
         NEVER_NS if no expendable module runs.
         """
-        return self._mastership.lease_ends_ns if self._reconfiguration.expendable_live() else NEVER_NS
+        return self._followed_manager.lease_ends_ns if self._active_configuration.expendable_live() else NEVER_NS
 
     def tick(self) -> None:
         """Stop the expendable modules; the caller has found that the lease has ended."""
-        self._move(self._reconfiguration.rest())
+        self._move(self._active_configuration.rest())
 
     def named(self) -> None:
         """Start the expendable modules that `tick` has stopped.
 
         The caller has heard a LEASE that names the configuration of this PE.
         """
-        if self._reconfiguration.resting:
-            self._move(self._reconfiguration.resume())
+        if self._active_configuration.resting:
+            self._move(self._active_configuration.resume())
 
     def _move(self, moves: Moves) -> None:
         self._modules.carry_out(moves, None)

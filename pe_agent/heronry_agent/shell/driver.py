@@ -33,11 +33,12 @@ import os
 import select
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from heronry_agent.core.agent import AgentCore
-from heronry_agent.core.vocabulary import Action, ChannelsLost, Event, Left, Note
+from heronry_agent.core.vocabulary import Action, ChannelsLost, Event, Left, ModuleEvent, Note
 from heronry_agent.shell.own_node_id import NodeId, OwnNodeId
 from heronry_agent.shell.partition_host import PartitionHost
 from heronry_wire.authentication import Key
@@ -202,10 +203,22 @@ class AgentDriver:
         return found
 
     def _step(self, now_ns: int, event: Event) -> None:
-        for action in self.core.step(now_ns, event):
-            self._carry_out(action, now_ns)
+        """Give the core an event, and do what it wants.
 
-    def _carry_out(self, action: Action, decided_ns: int) -> None:
+        An action that is answered at once is an event of its own: what follows from the answer is done before what is
+        left of the actions before it.
+        """
+        waiting = deque((action, now_ns) for action in self.core.step(now_ns, event))
+        while waiting:
+            action, decided_ns = waiting.popleft()
+            answer = self._carry_out(action, decided_ns)
+            if answer is not None:
+                answered_ns = time.monotonic_ns()
+                follows = self.core.step(answered_ns, answer)
+                waiting.extendleft((one, answered_ns) for one in reversed(follows))
+
+    def _carry_out(self, action: Action, decided_ns: int) -> ModuleEvent | None:
+        """Execute an action that the core decided at `decided_ns`; returns the answer if it comes at once."""
         match action:
             case Send(port, frame, until_ns):
                 latest_ns = decided_ns + self.core.lease_ns if until_ns is None else until_ns
@@ -220,6 +233,5 @@ class AgentDriver:
             case Note():
                 self._tell(action)
             case _:
-                answer = self._host.carry_out(action, time.monotonic_ns())
-                if answer is not None:
-                    self._step(time.monotonic_ns(), answer)
+                return self._host.carry_out(action, time.monotonic_ns())
+        return None

@@ -25,13 +25,14 @@ from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from typing import Any
 
+from heronry_agent.core.active_configuration import ActiveConfiguration
 from heronry_agent.core.authenticity import Authenticity, Secret
 from heronry_agent.core.canopen_node import CanopenNode
+from heronry_agent.core.exclusive_frames import ExclusiveFrames
+from heronry_agent.core.followed_manager import FollowedManager
 from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.mastership import Mastership
 from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.pe_objects import Parts
-from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.reporting import Facts
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.table_index import TableIndex
@@ -65,16 +66,21 @@ class WaitingCore:
         self.table: PeTable | None = None
         self._node = node
         turn, index = Turn(now_ns), TableIndex(_empty_table(node, bitrate))
-        reconfiguration, mastership = Reconfiguration(index), Mastership(index.lease_ns)
-        modules = RunningModules(turn, index, reconfiguration, OutputAuthorization(index.lease_ns))
+        active_configuration, followed_manager = ActiveConfiguration(index), FollowedManager(index.lease_ns)
+        gateway = Gateway(index)
+        exclusive_frames = ExclusiveFrames(turn, index, gateway)
+        output_authorization = OutputAuthorization(index.lease_ns, revoked=exclusive_frames.withdraw)
+        modules = RunningModules(turn, index, active_configuration, output_authorization)
         authenticity = None
         if secret is not None:
             authenticity = Authenticity(
-                turn, index, mastership, Gateway(index), facts=lambda: _WAITING, pending=list, secret=secret
+                turn, index, followed_manager, gateway, facts=lambda: _WAITING, pending=list, secret=secret
             )
         self._authenticity = authenticity
-        parts = Parts(turn, index, 0, mastership, reconfiguration, modules, lambda: _WAITING, self._take, authenticity)
-        self._turn, self._mastership, self._canopen = turn, mastership, CanopenNode(parts)
+        parts = Parts(
+            turn, index, 0, followed_manager, active_configuration, modules, lambda: _WAITING, self._take, authenticity
+        )
+        self._turn, self._followed_manager, self._canopen = turn, followed_manager, CanopenNode(parts)
         self._handlers = dict(self._canopen.handlers())
         if authenticity is not None:
             commands = [(manager, command) for manager in MANAGER_NODES for command in Command]
@@ -91,15 +97,15 @@ class WaitingCore:
 
     def step(self, now_ns: int, event: Received | Tick) -> list[Action]:
         """Process one event, and return the actions to execute."""
-        out = self._turn.begin(now_ns)
+        self._turn.begin(now_ns)
         if isinstance(event, Tick):
             self._canopen.tick()
-            return out
+            return self._turn.end()
         frame = event.frame
         handler = self._handlers.get(frame.can_id)
         if handler is not None and not (frame.extended or frame.remote or frame.error):
             handler(event)
-        return out
+        return self._turn.end()
 
     def next_deadline_ns(self) -> int:
         """Time in ns at which to call `step` with a Tick, if no event comes before."""
@@ -108,10 +114,12 @@ class WaitingCore:
     def _accept(self, manager: int, command: Command, event: Received) -> None:
         """Execute a verified LEASE or UNLOCK; ignore other commands. A LEASE shows which manager is active."""
         message = decode_command(command, event.frame.data)
-        if isinstance(message, Malformed | SliceHead | SliceBody) or not self._mastership.admits(manager, message.term):
+        if isinstance(message, Malformed | SliceHead | SliceBody) or not self._followed_manager.admits(
+            manager, message.term
+        ):
             return
         if isinstance(message, Lease):
-            self._mastership.leased(self._turn.arrived_ns)
+            self._followed_manager.leased(self._turn.arrived_ns)
         elif isinstance(message, Control) and (message.node, message.operation) == (self._node, Operation.UNLOCK):
             assert self._authenticity is not None
             self._authenticity.accept(message)

@@ -3,7 +3,7 @@
 from enum import Enum
 from typing import Any
 
-from heronry_manager.core.epochs import reconfiguration
+from heronry_manager.core.epochs import epoch
 from heronry_manager.core.mastership import claim
 from heronry_manager.core.membership import standing
 from heronry_manager.core.transitions import TransitionTable
@@ -21,7 +21,7 @@ def standing_of_a_pe() -> str:
 
 def stage_of_an_epoch() -> str:
     """Draw the stages of an epoch at the manager."""
-    return _diagram(reconfiguration.TRANSITIONS)
+    return _diagram(epoch.TRANSITIONS)
 
 
 def _diagram(table: TransitionTable[Any, Any]) -> str:

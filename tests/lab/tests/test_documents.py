@@ -12,8 +12,8 @@ from typing import TypeVar
 import pytest
 import yaml
 
+from heronry_agent.core.active_configuration import ActiveConfiguration
 from heronry_agent.core.publishing import Publisher
-from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.staging import Configured
 from heronry_agent.core.table_index import TableIndex
 from heronry_dg import gates, model, verify
@@ -150,7 +150,7 @@ def test_the_identifiers_with_an_index_in_byte_2_are_those_of_the_list() -> None
 
 def take_steps(index: TableIndex, wanted: Slice, steps: list[tuple[int, Step]]) -> Iterator[tuple[PeState, PeState]]:
     """Let a PE make the steps of epochs; gives the state before and after each."""
-    pe = Reconfiguration(index)
+    pe = ActiveConfiguration(index)
     targets = {epoch: Configured(epoch, epoch, wanted if epoch % 2 else Slice(), 1, 0) for epoch, _ in steps}
     for epoch, step in steps:
         before = pe.state

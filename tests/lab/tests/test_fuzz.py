@@ -45,7 +45,7 @@ def test_the_story_of_a_pe_begins_with_one_that_flies(name: str, monkeypatch: py
     monkeypatch.setattr(AgentCore, "validate", validate)
     for seed in TARGETS[name].seeds():
         TARGETS[name].run(seed)
-    assert [core.reconfiguration.state for core in cores] == [PeState.ACTIVE]
+    assert [core.active_configuration.state for core in cores] == [PeState.ACTIVE]
 
 
 @pytest.mark.parametrize("name", ["manager", "keyed_manager", "standby", "keyed_standby", "radio_manager"])

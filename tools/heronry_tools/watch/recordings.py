@@ -22,7 +22,7 @@ from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.replay.another_spec import of_another_spec
 from heronry_tools.sim.replay.proven import is_tagged, proven
 from heronry_tools.sim.replay.recorded_folder import events_of, expect_spec_of, is_recorded_folder, log_of, spec_of
-from heronry_tools.sim.replay.recording import Mastership, masterships, on_the_managers_bus, read_recording
+from heronry_tools.sim.replay.recording import RecordedMastership, masterships, on_the_managers_bus, read_recording
 from heronry_tools.watch.listening import Listening
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Source
@@ -164,7 +164,7 @@ def tables_of(spec: Spec) -> tuple[PeTable, ...]:
     return tuple(prepared_with(spec, kept_contingencies(spec)).tables.values())
 
 
-def _why(spec: Spec, found: Sequence[Mastership]) -> list[Event] | None:
+def _why(spec: Spec, found: Sequence[RecordedMastership]) -> list[Event] | None:
     """Give the manager's events by running its core again.
 
     Returns None if the recording does not begin before the manager starts, if the solver is not installed, or if the

@@ -5,7 +5,7 @@
     GO_ALL   a PE also starts new DEMUX branches
 
 BREAK is skipped if nothing has to stop before GO. GO is skipped if no unavailable PE may still drive a DEMUX that the
-epoch gives to another PE. `reconfiguration` says how long each step is repeated, and which PEs must answer.
+epoch gives to another PE. `epoch` says how long each step is repeated, and which PEs must answer.
 
 Before the manager commands GO, it waits for the report BROKEN of
 
@@ -23,9 +23,9 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.transition import Transitions
 from heronry_manager import events
+from heronry_manager.core.epochs.epoch import Epoch, Stage
 from heronry_manager.core.epochs.known_epochs import Epochs, module_changes
 from heronry_manager.core.epochs.observation import Observations
-from heronry_manager.core.epochs.reconfiguration import Reconfiguration, Stage
 from heronry_manager.core.membership.exclusion import Exclusion
 from heronry_manager.core.membership.health import Health
 from heronry_manager.core.turn import Turn
@@ -43,7 +43,7 @@ class Activation:
         self._transitions = Transitions(spec)
         self._before: Configuration | None = None  # what ran before the current epoch
 
-    def begin(self, epoch: Reconfiguration, current: Reconfiguration | None) -> None:
+    def begin(self, epoch: Epoch, current: Epoch | None) -> None:
         """Send the first ACTIVATE of `epoch`, which from now on replaces `current`, the epoch before it."""
         must_break = self._must_break(epoch, current)
         self._free(epoch)
@@ -53,7 +53,7 @@ class Activation:
         epoch.activate(must_break, self._turn.now_ns)
         self._emit_step(epoch)
 
-    def move_on(self, epoch: Reconfiguration) -> bool:
+    def move_on(self, epoch: Epoch) -> bool:
         """Command the next step of an epoch if nothing is left to wait for; tells whether the epoch is completed."""
         self._free(epoch)
         broken = epoch.stage is Stage.BREAKING and epoch.all_broken() and epoch.identifiers_free_ns is None
@@ -66,7 +66,7 @@ class Activation:
         self._emit_reconfigured(epoch)
         return True
 
-    def _must_break(self, epoch: Reconfiguration, current: Reconfiguration | None) -> set[str]:
+    def _must_break(self, epoch: Epoch, current: Epoch | None) -> set[str]:
         """Give the PEs that must report BROKEN before the manager commands the next step, GO or GO_ALL."""
         available = self._health.available()
         may_run = {pe: self._may_run(pe, current) for pe in available}
@@ -75,7 +75,7 @@ class Activation:
         known = {pe: configurations or () for pe, configurations in may_run.items()}
         return set(self._transitions.must_break(known, epoch.configuration, epoch.plan.now, exclusive))
 
-    def _may_run(self, pe: str, current: Reconfiguration | None) -> list[Configuration] | None:
+    def _may_run(self, pe: str, current: Epoch | None) -> list[Configuration] | None:
         """Give the configurations that a PE may be running: the one in its last state, and that of `current`.
 
         The list is empty if the last state of the PE says that it runs nothing. None: the configuration in the last
@@ -92,7 +92,7 @@ class Activation:
         late = [current.configuration] if current is not None and current is not known else []
         return [known.configuration, *late]
 
-    def _free(self, epoch: Reconfiguration) -> None:
+    def _free(self, epoch: Epoch) -> None:
         """Note in the epoch until when unavailable PEs may still drive outputs that this epoch gives to other PEs."""
         if epoch.stage in (Stage.DONE, Stage.GOING):
             return
@@ -100,11 +100,11 @@ class Activation:
         epoch.identifiers_free_ns = self._exclusion.identifiers_free_ns(epoch.placed, available, now_ns)
         epoch.demux_free_ns = self._exclusion.demux_free_ns(epoch.placed, available, now_ns)
 
-    def _emit_step(self, epoch: Reconfiguration) -> None:
+    def _emit_step(self, epoch: Epoch) -> None:
         waiting = tuple(sorted(epoch.must_break)) if epoch.stage is Stage.BREAKING else ()
         self._turn.emit(events.EpochStep, epoch=epoch.epoch, step=epoch.step.name, waiting_for=waiting)
 
-    def _emit_reconfigured(self, epoch: Reconfiguration) -> None:
+    def _emit_reconfigured(self, epoch: Epoch) -> None:
         times, now_ns = epoch.times, self._turn.now_ns
         change = module_changes(self._before, epoch.configuration)
         staged_ns = times.staged_ns or now_ns

@@ -24,9 +24,9 @@ from heronry_dg.objective import score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation
 from heronry_manager import events
+from heronry_manager.core.epochs.epoch import Epoch
 from heronry_manager.core.epochs.known_epochs import Epochs
 from heronry_manager.core.epochs.observation import Observations
-from heronry_manager.core.epochs.reconfiguration import Reconfiguration
 from heronry_manager.core.membership.exclusion import Exclusion
 from heronry_manager.core.membership.health import Health
 from heronry_manager.core.memory import Runs
@@ -45,7 +45,7 @@ class Adoption:
         self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
         self._observed, self._epochs = observed, epochs
 
-    def of_plan(self, plan: Plan) -> Reconfiguration | None:
+    def of_plan(self, plan: Plan) -> Epoch | None:
         """Give the epoch that the PEs run, if every available PE runs exactly this plan.
 
         None if not, or if a silent PE may run a later epoch.
@@ -60,7 +60,7 @@ class Adoption:
             return None
         return self._adopted(newest, plan, compiled)
 
-    def of_remembered(self, runs: Runs | None, now: Situation) -> Reconfiguration | None:
+    def of_remembered(self, runs: Runs | None, now: Situation) -> Epoch | None:
         """Give the remembered or overheard epoch `runs` as one to adopt, if the PEs run this epoch; None if not.
 
         A PE that runs nothing, or is missing, does not prevent the adoption; such a PE is treated as a fault. The
@@ -83,7 +83,7 @@ class Adoption:
         plan = make_plan(self._spec, intended, configuration, worth, optimal=False)
         return self._adopted(runs.epoch, plan, compiled)
 
-    def _adopted(self, epoch: int, plan: Plan, compiled: CompiledConfiguration) -> Reconfiguration:
+    def _adopted(self, epoch: int, plan: Plan, compiled: CompiledConfiguration) -> Epoch:
         adopted = self._epochs.running(epoch, plan, compiled)
         self._epochs.remember(adopted)
         self._exclusion.activated(adopted.placed)  # a missing PE may still hold its tokens

@@ -50,10 +50,10 @@ from heronry_dg.situation import Situation
 from heronry_manager import events
 from heronry_manager.core.epochs.activation import Activation
 from heronry_manager.core.epochs.adoption import Adoption
+from heronry_manager.core.epochs.epoch import Cause, Epoch, Stage
 from heronry_manager.core.epochs.known_epochs import Epochs
 from heronry_manager.core.epochs.observation import Observations, Observed
 from heronry_manager.core.epochs.other_tables import OtherTables
-from heronry_manager.core.epochs.reconfiguration import Cause, Reconfiguration, Stage
 from heronry_manager.core.membership.exclusion import Exclusion
 from heronry_manager.core.membership.health import Health
 from heronry_manager.core.memory import Runs
@@ -104,8 +104,8 @@ class Deployment:
         )
         self._adoption = Adoption(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
         self._activation = Activation(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
-        self.current: Reconfiguration | None = None  # the last epoch whose ACTIVATE went out
-        self.next: Reconfiguration | None = None  # being prepared
+        self.current: Epoch | None = None  # the last epoch whose ACTIVATE went out
+        self.next: Epoch | None = None  # being prepared
         self.other_tables = OtherTables(self.observed)
         self._has_given_up = False  # abandoned an epoch since the current one was activated
         self._stopped: set[str] = set()  # modules that some PE has stopped, and that are wanted again
@@ -212,7 +212,7 @@ class Deployment:
             self._exclusion.rebooted(pe)
         return "it runs nothing although it was configured" if seen.configured else None
 
-    def _placed_since(self, known: Reconfiguration) -> Iterable[Mapping[str, set[str]]]:
+    def _placed_since(self, known: Epoch) -> Iterable[Mapping[str, set[str]]]:
         """Yield one mapping for each epoch newer than `known`: by PE, the tokens that this epoch places there."""
         return () if known is self.current else self.epochs.placed_since(known)
 
@@ -329,7 +329,7 @@ class Deployment:
         current.plan = plan
         return True
 
-    def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
+    def _needs_new(self, pe: str, current: Epoch) -> bool:
         """Tell whether a PE that joins late needs a new epoch.
 
         The answer is yes if the slice of the PE in the current epoch is not empty (the PE runs a module or
@@ -352,7 +352,7 @@ class Deployment:
         """
         return self._stands_on(self._adoption.of_remembered(runs, now))
 
-    def _stands_on(self, adopted: Reconfiguration | None) -> bool:
+    def _stands_on(self, adopted: Epoch | None) -> bool:
         if adopted is None:
             return False
         self.current = adopted
@@ -392,7 +392,7 @@ class Deployment:
             return []
         return [pe for epoch in (self.current, self.next) if epoch is not None for pe in epoch.tick(self._turn.now_ns)]
 
-    def advance(self) -> Reconfiguration | None:
+    def advance(self) -> Epoch | None:
         """Send the next step of each epoch for which nothing is left to wait.
 
         A staged epoch gets its first ACTIVATE and becomes the current one; the current epoch gets its next step.
@@ -410,12 +410,12 @@ class Deployment:
                 self._flush(epoch)
         return current if is_done else None
 
-    def _activate(self, epoch: Reconfiguration) -> None:
+    def _activate(self, epoch: Epoch) -> None:
         self._activation.begin(epoch, self.current)
         self.current, self.next, self._has_given_up = epoch, None, False
         self._stopped.clear()
 
-    def _flush(self, epoch: Reconfiguration) -> None:
+    def _flush(self, epoch: Epoch) -> None:
         for message in epoch.outbox:
             self._turn.send(COMMAND_OF[type(message)], message)
         epoch.outbox.clear()

@@ -3,7 +3,7 @@
 An epoch is a plan that was compiled and given a number (`numbering`). It has participants: the PEs that are available
 when it is opened. A participant is *awaited* (the epoch waits for its answers) if the manager reaches this PE by wire
 alone, and still has a route to it in the situation of the plan. So no epoch waits for a PE beyond a dead gateway, even
-if state frames of this PE still come. `reconfiguration` says how an epoch proceeds.
+if state frames of this PE still come. `epoch` says how an epoch proceeds.
 
 A late PE may still run an old epoch; its state frames name the number of that epoch. So some epochs are remembered
 after the next one has replaced them: they tell what such a PE drives. The epoch that was activated or adopted last is
@@ -18,9 +18,9 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import survivors
 from heronry_manager.contingency.configuration_code import ConfigurationCode
+from heronry_manager.core.epochs.epoch import Cause, Epoch, Participant, Stage
 from heronry_manager.core.epochs.numbering import EpochNumbers
 from heronry_manager.core.epochs.observation import Observations
-from heronry_manager.core.epochs.reconfiguration import Cause, Participant, Reconfiguration, Stage
 from heronry_manager.core.membership.exclusion import Exclusion
 from heronry_manager.core.membership.health import Health
 from heronry_manager.core.memory import Runs
@@ -70,7 +70,7 @@ class Epochs:
         self.wired = reached_by_wire(spec)
         self._compiler, self._code = compiler, ConfigurationCode(spec)
         self.numbers = EpochNumbers(turn)
-        self._known: dict[int, Reconfiguration] = {}  # epochs that were activated or adopted
+        self._known: dict[int, Epoch] = {}  # epochs that were activated or adopted
 
     def compiled(self, configuration: Configuration) -> CompiledConfiguration:
         """Compile a configuration into the slices of the PEs."""
@@ -82,21 +82,21 @@ class Epochs:
 
     # Making an epoch
 
-    def open(self, plan: Plan, causes: Iterable[Cause]) -> Reconfiguration:
+    def open(self, plan: Plan, causes: Iterable[Cause]) -> Epoch:
         """Open a new epoch for a plan, with a number newer than all that were used or seen."""
         compiled = self.compiled(plan.configuration)
         number = self.numbers.next(self._observed.newest_epoch())
         return self._made(number, plan, compiled, tuple(causes), Stage.PREPARING)
 
-    def running(self, number: int, plan: Plan, compiled: CompiledConfiguration) -> Reconfiguration:
+    def running(self, number: int, plan: Plan, compiled: CompiledConfiguration) -> Epoch:
         """Make an epoch with this number for a configuration that the PEs run already."""
         return self._made(number, plan, compiled, (), Stage.DONE)
 
     def _made(
         self, epoch: int, plan: Plan, compiled: CompiledConfiguration, causes: tuple[Cause, ...], stage: Stage
-    ) -> Reconfiguration:
+    ) -> Epoch:
         number = 0 if self._on_board is None else self._on_board.number(plan.configuration)
-        return Reconfiguration(
+        return Epoch(
             term=self._turn.term,
             epoch=epoch,
             plan=plan,
@@ -141,15 +141,15 @@ class Epochs:
 
     # Remembered epochs
 
-    def known(self, number: int) -> Reconfiguration | None:
+    def known(self, number: int) -> Epoch | None:
         """Give the epoch with this number; None: it is not remembered."""
         return self._known.get(number)
 
-    def placed_since(self, epoch: Reconfiguration) -> Iterator[Mapping[str, set[str]]]:
+    def placed_since(self, epoch: Epoch) -> Iterator[Mapping[str, set[str]]]:
         """Yield the tokens that each remembered epoch newer than `epoch` places, by PE."""
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
-    def remember(self, epoch: Reconfiguration) -> None:
+    def remember(self, epoch: Epoch) -> None:
         """Remember an epoch that was activated or adopted, and keep it in the journal for the time after a restart.
 
         Of the epochs that no available PE shows any more, only the last few stay remembered.

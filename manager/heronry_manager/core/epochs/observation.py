@@ -1,4 +1,4 @@
-"""The configuration that each PE runs, by the PE's own reports. `reconfiguration` keeps what was commanded.
+"""The configuration that each PE runs, by the PE's own reports. `epoch` keeps what was commanded.
 
 If a state is lost, the next one replaces it. A state that comes twice, or late from a gateway, has no effect. After a
 pause of the manager, states are taken in the order in which they came, and the last one counts. A lost PE may still run

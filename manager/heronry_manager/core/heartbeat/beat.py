@@ -68,7 +68,7 @@ class Beat:
         self._situation.beat()
         suspects = [pe for pe in self._health.available() if self._health.standing(pe) is Standing.SUSPECT]
         lease = self._deployment.lease()
-        self._turn.ask(*self._beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
+        self._turn.do(*self._beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
         fact = self._announcer.next()
         if fact is not None:
             self._tell(*fact)
@@ -76,7 +76,7 @@ class Beat:
 
     def ping(self, pe: str) -> None:
         """Send a PING to a PE; the PE answers with its state."""
-        self._turn.ask(self._beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
+        self._turn.do(self._beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
 
     def must_leave_out(self) -> None:
         """Note that a PE named in the last ALIVE is no longer available: `leave_out` will send another ALIVE."""
@@ -88,7 +88,7 @@ class Beat:
         T_lease of this PE begins when the new ALIVE is on the bus.
         """
         if self._has_to_leave_out:
-            self._turn.ask(self._beacon.alive(self._turn.term, self._named()))
+            self._turn.do(self._beacon.alive(self._turn.term, self._named()))
 
     def alive_left(self, frame: Frame) -> None:
         """Note that an ALIVE of this manager is on the bus.

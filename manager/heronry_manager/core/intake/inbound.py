@@ -110,7 +110,7 @@ class Inbound:
 
     def tick(self) -> None:
         """Send the answer to a request for identification, if an answer is due."""
-        self._turn.ask(*self._identification.tick(self._turn.now_ns))
+        self._turn.do(*self._identification.tick(self._turn.now_ns))
 
     def _state(self, pe: str, data: bytes) -> None:
         page = decode_state(data)

@@ -34,7 +34,7 @@ from heronry_dg.verify import verify
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.planning.requests import PlanRequests
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.situation.changes import Changes, TargetAsked, TargetReleased
+from heronry_manager.core.situation.changes import Changes, TargetOrdered, TargetReleased
 from heronry_manager.core.situation.latched_faults import OPERATOR_CODE, LatchedFault
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import (
@@ -175,15 +175,15 @@ class OperatorOrders:
         reason = problem if target is None else self._why_not_now() or self._why_not_legal(target)
         if target is None or reason is not None:
             reason = reason or "the script cannot be read"
-            if not self._script.is_asked:
+            if not self._script.is_ordered:
                 self._script.refuse(reason)
             return Outcome(False, f"the script is refused, and nothing has changed: {reason}")
         follows = "the script flies unless the best plan, now being made, is better at level 1: see 'heronry status'"
-        return Outcome(True, f"the script leads to a legal configuration; {follows}", (TargetAsked(target),))
+        return Outcome(True, f"the script leads to a legal configuration; {follows}", (TargetOrdered(target),))
 
     def _why_not_now(self) -> str | None:
         requests = self._requests
-        if self._script.is_asked:
+        if self._script.is_ordered:
             return "another script waits for the best plan: give the order again"
         if not self._deployment.is_at_rest() or (requests.is_owed and not requests.in_background):
             return "a reconfiguration is under way: give the order again when 'heronry status' shows it done"

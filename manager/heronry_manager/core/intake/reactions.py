@@ -31,10 +31,10 @@ from heronry_manager.core.reports.pe_details import Look
 from heronry_manager.core.situation.changes import (
     LimitChanged,
     ModuleReleased,
-    PeAsked,
+    PeSuspected,
     PlanNeeded,
     SituationChange,
-    TargetAsked,
+    TargetOrdered,
     TargetReleased,
 )
 from heronry_manager.core.turn import Turn
@@ -57,11 +57,11 @@ class Reactions:
                     self._take_health(change)
                 case PlanNeeded():
                     self._replanning.need(change)
-                case PeAsked(pe):
+                case PeSuspected(pe):
                     self._beat.ping(pe)
                 case LimitChanged():
                     self._replanning.limit(change)
-                case TargetAsked(target):
+                case TargetOrdered(target):
                     self._replanning.fly(target)
                 case TargetReleased():
                     self._replanning.release()

@@ -17,7 +17,7 @@
 """
 
 from heronry_manager import events
-from heronry_manager.core.epochs.reconfiguration import Cause
+from heronry_manager.core.epochs.epoch import Cause
 from heronry_manager.core.heartbeat.beat import Beat
 from heronry_manager.core.intake.reactions import Reactions
 from heronry_manager.core.knowledge import Knowledge

@@ -290,4 +290,4 @@ class Claim:
     def _end(self, event: MastershipEvent, reason: str, remedy: str = "") -> None:
         self._move(event)
         self._turn.emit(events.Stopped, reason=reason)
-        self._turn.ask(Stop(reason + remedy))
+        self._turn.do(Stop(reason + remedy))

@@ -35,7 +35,7 @@ from heronry_dg.objective import CRITICAL_CLASSES
 from heronry_dg.plan import Plan
 from heronry_dg.verify import verify
 from heronry_manager import events
-from heronry_manager.core.epochs.reconfiguration import Cause
+from heronry_manager.core.epochs.epoch import Cause
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.mastership.claim import Claim, Mastership
 from heronry_manager.core.planning.requests import PlanRequests
@@ -81,7 +81,7 @@ class Replanning:
             self._storms.ended_one()
         self._deployment.abandon(change.cause)
         if self._claim.state is not Mastership.LISTENING and not self._health.starting():
-            self.ask()
+            self.request()
 
     def _finishes_first(self) -> bool:
         """Tell whether a new change must wait until the present request or epoch is finished.
@@ -141,7 +141,7 @@ class Replanning:
         """Request the first plan after a take-over from another manager; `cause` becomes the cause of the request."""
         self._requests.causes.append(cause)
         if not self._health.starting():
-            self.ask()
+            self.request()
 
     # Scripts of the operator
 
@@ -152,8 +152,8 @@ class Replanning:
         """
         running = self._deployment.running
         assert running is not None, "a script is refused while nothing runs"
-        self._script.ask(target)
-        self._requests.ask_for(target, self._situation.now(), running)
+        self._script.order(target)
+        self._requests.request_to_compare(target, self._situation.now(), running)
 
     def release(self) -> None:
         """Request the best plan as soon as nothing is under way, since the operator has ended a script."""
@@ -162,7 +162,7 @@ class Replanning:
 
     # Plans
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Request a plan.
 
         Before the first request of a term: if the PEs run the configuration that is remembered or was overheard, adopt
@@ -173,21 +173,21 @@ class Replanning:
         if is_first and self._deployment.adopts_remembered(self._situation.now(), runs):
             self._weigh()
         else:
-            self._ask()
+            self._request()
 
-    def _ask(self) -> None:
+    def _request(self) -> None:
         if self._deployment.is_held():
             self._is_held = True
             return
         self._is_held = False
-        self._requests.ask(self._situation.now(), self._deployment.running, target=self._script.target)
+        self._requests.request(self._situation.now(), self._deployment.running, target=self._script.target)
 
     def tick(self) -> None:
         """Request a plan if the start-up window has just closed, or a failed request is due again."""
         is_first = self._claim.state is Mastership.STARTING and not self._health.starting()
         is_free = self._is_held and not self._deployment.is_held()
         if is_first or is_free or self._requests.is_due_again():
-            self.ask()
+            self.request()
 
     def ready(self, answer: PlanReady) -> None:
         """Deploy a plan from the planner; a manager that only advises reports it as advice.
@@ -202,7 +202,7 @@ class Replanning:
         if not self._requests.awaits(answer):
             return
         if self._requests.gathered and not self._may_finish(answer.plan.configuration):
-            self._ask()
+            self._request()
             return
         answer = self._weighed(answer)
         if self._requests.keeps_to(deployment.plan, answer):
@@ -229,18 +229,18 @@ class Replanning:
         taken unless it is worse at level 1 than the plan in `answer`. If none is taken, `answer` is returned.
         """
         script, deployment = self._script, self._deployment
-        was_asked = script.is_asked
+        was_ordered = script.is_ordered
         plan = script.weigh(answer.plan, self._situation.now(), deployment.running)
-        if was_asked and plan is not None and plan.configuration == script.target:
+        if was_ordered and plan is not None and plan.configuration == script.target:
             self._requests.target_taken()
-        elif was_asked:
+        elif was_ordered:
             self._requests.target_refused()
         return answer if plan is None else PlanReady(answer.request, plan)
 
     def failed(self, answer: PlanFailed) -> None:
         """Note that the planner could not answer; a request is repeated unless it was made in the background."""
         if self._requests.failed(answer) and self._requests.in_background:
-            if self._script.is_asked:
+            if self._script.is_ordered:
                 self._script.refuse(
                     f"the planner gave no plan with which to compare the result of the script: {answer.reason}"
                 )
@@ -288,7 +288,7 @@ class Replanning:
             self._requests.causes.clear()
             self._settle()
         else:
-            self._ask()
+            self._request()
 
     def _may_stay(self) -> bool:
         """Tell whether the running configuration may stay.
@@ -319,11 +319,11 @@ class Replanning:
         if running is None or deployment.next is not None or self._requests.waiting:
             return
         if self._requests.gathered:
-            self.ask()
+            self.request()
             return
         now = self._situation.now()
         may_improve = plan is not None and not plan.optimal and self._script.target is None
         if may_improve and not self._requests.in_background:
-            self._requests.ask_in_background(now, running)
+            self._requests.request_in_background(now, running)
         else:
-            self._turn.ask(Settled(now, running))
+            self._turn.do(Settled(now, running))

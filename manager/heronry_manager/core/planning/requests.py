@@ -27,7 +27,7 @@ from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager import events
-from heronry_manager.core.epochs.reconfiguration import Cause
+from heronry_manager.core.epochs.epoch import Cause
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
 from heronry_wire.protocol_times import PLAN_AGAIN_NS
@@ -46,14 +46,14 @@ class PlanRequests:
 
     def __init__(self, turn: Turn) -> None:
         self._turn = turn
-        self._request = 0
+        self._number = 0
         self.waiting = False
         self.in_background = False  # whether the last request was one in the background
         self.again_ns: int | None = None
         self.causes: list[Cause] = []  # of the reconfiguration that is not done yet
         self.gathered: list[Cause] = []  # causes that the next request will take into account
 
-    def ask(
+    def request(
         self,
         now: Situation,
         running: Placement | None,
@@ -73,12 +73,12 @@ class PlanRequests:
             self.causes = [cause for cause in self.causes if cause.what != _IN_BACKGROUND]
         if not self.causes:
             self.causes.append(Cause(_FIRST, self._turn.now_ns, self._turn.now_ns))
-        self._request += 1
+        self._number += 1
         self.waiting, self.again_ns, self.in_background = True, None, in_background
-        self._turn.ask(RequestPlan(self._request, now, running, in_background, target))
+        self._turn.do(RequestPlan(self._number, now, running, in_background, target))
         self._turn.emit(
             events.PlanRequested,
-            request=self._request,
+            request=self._number,
             down=tuple(sorted(now.down)),
             limits={element: f"{float(100 * share):g}%" for element, share in sorted(now.limits.items())},
             phase=now.phase,
@@ -107,7 +107,7 @@ class PlanRequests:
 
         The present request is repeated after PLAN_AGAIN_NS, except a background request, which is not repeated.
         """
-        if answer.request != self._request or not self.waiting:
+        if answer.request != self._number or not self.waiting:
             return False
         self.waiting, self.again_ns = False, None if self.in_background else self._turn.now_ns + PLAN_AGAIN_NS
         self._turn.emit(events.PlanFailed, request=answer.request, reason=answer.reason)
@@ -115,7 +115,7 @@ class PlanRequests:
 
     def awaits(self, answer: PlanReady) -> bool:
         """Tell whether `answer` is the first answer to the present request."""
-        return answer.request == self._request and self.waiting
+        return answer.request == self._number and self.waiting
 
     def takes(self, answer: PlanReady) -> None:
         """End the present request, because its answer is to be deployed."""
@@ -136,19 +136,19 @@ class PlanRequests:
         self._turn.emit(events.PlanKept, request=answer.request)
         return True
 
-    def ask_in_background(self, now: Situation, running: Placement) -> None:
+    def request_in_background(self, now: Situation, running: Placement) -> None:
         """Request the optimal plan for this situation, which may replace the immediate plan that runs now."""
         self.causes.append(Cause(_IN_BACKGROUND, self._turn.now_ns, self._turn.now_ns))
-        self.ask(now, running, in_background=True)
+        self.request(now, running, in_background=True)
 
-    def ask_for(self, target: Configuration, now: Situation, running: Placement) -> None:
+    def request_to_compare(self, target: Configuration, now: Situation, running: Placement) -> None:
         """Request the best plan for this situation, to compare it with the configuration of a script.
 
         target: the configuration of the script.
         running: what runs now.
         """
         self.causes = [Cause(_SCRIPT, self._turn.now_ns, self._turn.now_ns)]
-        self.ask(now, running, in_background=True, target=target)
+        self.request(now, running, in_background=True, target=target)
 
     def target_taken(self) -> None:
         """Note that the configuration of a script is deployed.

@@ -94,11 +94,11 @@ class _Reading:
 class ObjectReader:
     """The SDO client of a manager.
 
-    ask: is called with each frame to send.
+    send: is called with each frame to send.
     next_ns: the time in ns at which to call `tick`.
     """
 
-    ask: Callable[[Send], None]
+    send: Callable[[Send], None]
     next_ns: int = NEVER_NS
     _now: _Reading | None = None
     _waiting: deque[_Reading] = field(default_factory=deque)
@@ -202,7 +202,7 @@ class ObjectReader:
     def _say(self, message: bytes, now_ns: int) -> None:
         assert self._now is not None
         self.next_ns = now_ns + SILENCE_NS
-        self.ask(Send(0, Frame(sdo_request_id(self._now.node), message)))
+        self.send(Send(0, Frame(sdo_request_id(self._now.node), message)))
 
     def _end(self, value: bytes | None, now_ns: int) -> None:
         reading, self._now, self.next_ns = self._now, None, NEVER_NS

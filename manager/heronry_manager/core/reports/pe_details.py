@@ -69,7 +69,7 @@ class PeDetails:
     def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
         self._spec, self._turn, self._claim = settings.spec, turn, claim
         self._is_wanted = settings.reads_objects
-        self._reader = ObjectReader(turn.ask)
+        self._reader = ObjectReader(turn.do)
         self.own = Standstills(settings.bus.heartbeat_ns)
         self._node = f"manager {settings.node}"
         self._again_after_ns = t_lease_ns(settings.bus.heartbeat_ns)

@@ -3,8 +3,8 @@
 HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
 PlanNeeded        the running plan was made for another situation
 LimitChanged      a radio has another limit: the running plan may still be the best one
-PeAsked           a module suspects a PE: the manager sends this PE a PING
-TargetAsked       the operator orders the configuration that a script makes, the target
+PeSuspected       a module suspects a PE: the manager sends this PE a PING
+TargetOrdered     the operator orders the configuration that a script makes, the target
 TargetReleased    the operator ends a script
 ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
 """
@@ -47,14 +47,14 @@ class ModuleReleased:
 
 
 @dataclass(frozen=True, slots=True)
-class PeAsked:
+class PeSuspected:
     """A module suspects this PE: the manager must ask the PE for its state, by PING."""
 
     pe: str
 
 
 @dataclass(frozen=True, slots=True)
-class TargetAsked:
+class TargetOrdered:
     """The operator has ordered, by a script, that the PEs run the configuration `target`, which is legal."""
 
     target: Configuration
@@ -65,5 +65,7 @@ class TargetReleased:
     """The operator has ended the script that was held, or that was ordered and not held yet."""
 
 
-SituationChange = PeAsked | HealthChange | PlanNeeded | LimitChanged | ModuleReleased | TargetAsked | TargetReleased
+SituationChange = (
+    PeSuspected | HealthChange | PlanNeeded | LimitChanged | ModuleReleased | TargetOrdered | TargetReleased
+)
 Changes = Sequence[SituationChange]

@@ -57,31 +57,31 @@ class HeldScript:
 
     def forget(self) -> None:
         """Begin without a script."""
-        self._asked: Configuration | None = None
+        self._ordered: Configuration | None = None
         self.target: Configuration | None = None  # the held one
         self._last: tuple[str, str] = ("none", "")  # what became of the last script, and why
 
     @property
-    def is_asked(self) -> bool:
+    def is_ordered(self) -> bool:
         """Tell whether the operator has ordered a configuration that still has to be compared with the best plan."""
-        return self._asked is not None
+        return self._ordered is not None
 
     def status(self) -> dict[str, Any]:
         """Give the state of the last script (none, asked, held, refused, ended), and why it was refused or ended."""
-        if self.is_asked:
+        if self.is_ordered:
             return {"state": "asked", "why": None}
         if self.target is not None:
             return {"state": "held", "why": None}
         state, why = self._last
         return {"state": state, "why": why or None}
 
-    def ask(self, target: Configuration) -> None:
+    def order(self, target: Configuration) -> None:
         """Note that the operator orders `target`, the configuration of a script, which is legal now."""
-        self._asked = target
+        self._ordered = target
 
     def refuse(self, reason: str) -> None:
         """Refuse the configuration that was ordered; the PEs go on with what they run."""
-        self._asked, self._last = None, ("refused", reason)
+        self._ordered, self._last = None, ("refused", reason)
         self._turn.emit(events.ScriptRefused, reason=reason)
 
     def end(self, reason: str) -> None:
@@ -94,12 +94,12 @@ class HeldScript:
 
         Returns False if there is neither an ordered nor a held one.
         """
-        was_asked, was_held = self.is_asked, self.target is not None
-        if was_asked:
+        was_ordered, was_held = self.is_ordered, self.target is not None
+        if was_ordered:
             self.refuse("the operator released it")
         if was_held:
             self.end("the operator released it")
-        return was_asked or was_held
+        return was_ordered or was_held
 
     def mastership_ends(self) -> None:
         """End all scripts, since this manager no longer commands."""
@@ -107,14 +107,14 @@ class HeldScript:
 
     def situation_changed(self, now: Situation, cause: str) -> None:
         """Refuse the ordered configuration that waits; end the held one if it is not legal in the situation `now`."""
-        if not self.is_asked and self.target is None:
+        if not self.is_ordered and self.target is None:
             return
         broken = [] if self.target is None else verify(self._spec, now, self.target)
         why = f"{cause}; it is no longer legal: {broken[0]}" if broken else f"the situation has changed: {cause}"
         self._turned(why, is_legal=not broken)
 
     def _turned(self, why: str, *, is_legal: bool) -> None:
-        if self.is_asked:
+        if self.is_ordered:
             self.refuse(why)
         if self.target is not None and not is_legal:
             self.end(why)
@@ -130,10 +130,10 @@ class HeldScript:
 
         Returns None if no script has a configuration that may be deployed; then the caller has to deploy `known`.
         """
-        if self._asked is not None:
-            plan = self._worthy(self._asked, known, now, running)
+        if self._ordered is not None:
+            plan = self._worthy(self._ordered, known, now, running)
             if plan is not None:
-                self._take(self._asked)
+                self._take(self._ordered)
                 return plan
             self.refuse(_WORSE)
         if self.target is not None:
@@ -146,7 +146,7 @@ class HeldScript:
     def _take(self, target: Configuration) -> None:
         if self.target is not None:
             self.end("another script takes its place")
-        self._asked, self.target = None, target
+        self._ordered, self.target = None, target
         self._turn.emit(events.ScriptTaken, reason=_TAKEN)
 
     def _worthy(self, target: Configuration, known: Plan, now: Situation, running: Placement | None) -> Plan | None:

@@ -37,7 +37,7 @@ from heronry_manager.core.situation.changes import (
     Changes,
     LimitChanged,
     ModuleReleased,
-    PeAsked,
+    PeSuspected,
     PlanNeeded,
     SituationChange,
 )
@@ -227,7 +227,7 @@ class KnownSituation:
             return ()
         kind, _, name = element.partition(":")
         if kind == "pe":
-            return (PeAsked(name),) if self._suspicions.pe(name, pe) else ()
+            return (PeSuspected(name),) if self._suspicions.pe(name, pe) else ()
         if kind == "bus":
             self._suspicions.bus(name, pe)
             return ()

@@ -6,7 +6,7 @@ to N, where N is the greatest number for which its `table_bytes` have room; N is
 for the number. For all other configurations the manager sends slices.
 
 The manager works out from its own file what every PE holds. A PE whose table has no contingencies, or was made from
-another file, reports that its slice is not on board, and gets the slice (`reconfiguration`). So manager and PEs need
+another file, reports that its slice is not on board, and gets the slice (`epoch`). So manager and PEs need
 not agree beforehand, and no PE stages another configuration than the manager means.
 """
 

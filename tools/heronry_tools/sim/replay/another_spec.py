@@ -14,13 +14,13 @@ from collections.abc import Iterable, Iterator
 
 from heronry_dg.model import Spec
 from heronry_manager.core.tables.compilation import Compiler
-from heronry_tools.sim.replay.recording import Mastership
+from heronry_tools.sim.replay.recording import RecordedMastership
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.management import SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, decode_command
 from heronry_wire.pe_table import PeTable
 
 
-def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable] | None) -> str | None:
+def of_another_spec(spec: Spec, mastership: RecordedMastership, on_board: Iterable[PeTable] | None) -> str | None:
     """Return a sentence if a mastership was flown with another spec; None if it may have been flown with this one.
 
     on_board: the tables with the contingencies. None: these are not known, so a PREPARE that names a contingency only
@@ -37,7 +37,7 @@ def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTab
     return f"{name} is no configuration of {spec.name}: give the spec of the recording"
 
 
-def _clues(spec: Spec, mastership: Mastership, called: set[int] | None) -> Iterator[tuple[Prepare, bool]]:
+def _clues(spec: Spec, mastership: RecordedMastership, called: set[int] | None) -> Iterator[tuple[Prepare, bool]]:
     """Check whether a mastership was flown with `spec`, at each point at which the frames allow a check.
 
     Yields, for each check, the PREPARE of the epoch that is checked, and whether the check succeeds.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 from typing import Literal
 
-from heronry_tools.sim.replay.recording import Decision, Mastership
+from heronry_tools.sim.replay.recording import Decision, RecordedMastership
 from heronry_tools.sim.replay.rerun import Remark, Rerun
 
 Taken = Literal["both", "recorded", "replayed"]
@@ -33,7 +33,7 @@ class Compared:
 class Comparison:
     """All decisions and remarks of a mastership, in order of time."""
 
-    mastership: Mastership
+    mastership: RecordedMastership
     entries: list[Compared | Remark]
 
     def differences(self) -> int:
@@ -48,14 +48,14 @@ class Comparison:
         return len(self.mastership.decisions)
 
 
-def compared(mastership: Mastership, rerun: Rerun) -> Comparison:
+def compared(mastership: RecordedMastership, rerun: Rerun) -> Comparison:
     """Compare a mastership with its replay."""
     entries: list[Compared | Remark] = [*rerun.remarks, *_decisions(mastership, rerun)]
     entries.sort(key=lambda entry: entry.t_ns)  # stable: at equal times remarks come first
     return Comparison(mastership, entries)
 
 
-def _decisions(mastership: Mastership, rerun: Rerun) -> Iterator[Compared]:
+def _decisions(mastership: RecordedMastership, rerun: Rerun) -> Iterator[Compared]:
     ours, theirs = rerun.decisions, mastership.decisions
     matcher = SequenceMatcher(None, theirs, ours, autojunk=False)
     for tag, i1, i2, j1, j2 in matcher.get_opcodes():

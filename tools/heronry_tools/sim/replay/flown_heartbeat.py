@@ -16,13 +16,13 @@ from statistics import median
 
 from heronry_dg.model import Spec
 from heronry_tools.runtime.wake_ups import LONGEST_HEARTBEAT_NS, with_heartbeat
-from heronry_tools.sim.replay.recording import Mastership
+from heronry_tools.sim.replay.recording import RecordedMastership
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
 
 _FEWEST = 4
 
 
-def as_flown(spec: Spec, masterships: list[Mastership]) -> Spec:
+def as_flown(spec: Spec, masterships: list[RecordedMastership]) -> Spec:
     """Return the spec with the heartbeat periods with which the recording was flown.
 
     Returns `spec` itself if the recording was flown with the spec's own periods, or has fewer than `_FEWEST`

@@ -48,7 +48,7 @@ class Decision:
 
 
 @dataclass(slots=True)
-class Mastership:
+class RecordedMastership:
     """One mastership in a recording; times are in ns on the clock of the recording."""
 
     node: int
@@ -109,9 +109,9 @@ def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str 
     return [one for one in on_the_bus if merge.take(names.index(one.channel), one.frame, one.time_ns)]
 
 
-def masterships(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Mastership]:
+def masterships(spec: Spec, frames: Sequence[LoggedFrame]) -> list[RecordedMastership]:
     """Return every mastership on the manager's bus, in the order of their first LEASEs."""
-    found: list[Mastership] = []
+    found: list[RecordedMastership] = []
     for logged in frames:
         node, command = _COMMANDS.get(logged.frame.can_id, (None, None))
         if node is not None and command is not None and not logged.frame.extended:
@@ -147,14 +147,14 @@ def note(decisions: list[Decision], decision: Decision | None) -> None:
         decisions.append(decision)
 
 
-def _follow(found: list[Mastership], node: int, command: Command, logged: LoggedFrame) -> None:
+def _follow(found: list[RecordedMastership], node: int, command: Command, logged: LoggedFrame) -> None:
     """Add a command to the mastership of its sender; a LEASE with another term begins a new mastership."""
     t_ns, frame = logged.time_ns, logged.frame
     mastership = next((known for known in reversed(found) if known.node == node), None)
     message = decode_command(command, frame.data)
     if isinstance(message, Lease):
         if mastership is None or mastership.term != message.term:
-            mastership = Mastership(node, message.term, t_ns, t_ns, message.epoch)
+            mastership = RecordedMastership(node, message.term, t_ns, t_ns, message.epoch)
             found.append(mastership)
         mastership.last_ns = t_ns
         mastership.leases.append((t_ns, message))

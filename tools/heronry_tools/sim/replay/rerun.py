@@ -48,7 +48,7 @@ from heronry_manager.planning_policy import (
     Source,
 )
 from heronry_tools.sim.oracles.commanded import Commanded
-from heronry_tools.sim.replay.recording import Decision, Mastership, decision_of, note
+from heronry_tools.sim.replay.recording import Decision, RecordedMastership, decision_of, note
 from heronry_tools.sim.world.planning import Prepared, prepared_with
 from heronry_wire.frame import Malformed
 from heronry_wire.management import decode_command
@@ -146,7 +146,7 @@ class Planners:
 class Rerun:
     """The replay of one mastership; `run` computes `decisions`, `remarks` and `events`."""
 
-    def __init__(self, planners: Planners, mastership: Mastership) -> None:
+    def __init__(self, planners: Planners, mastership: RecordedMastership) -> None:
         self.decisions: list[Decision] = []
         self.remarks: list[Remark] = []
         self.events: list[events.Event] = []  # that the core told, and (`runs`) the plan of each epoch
@@ -281,7 +281,7 @@ def _answer(at_ns: int, request: RequestPlan, name: str, plan: Plan) -> _Answer:
     return _Answer(at_ns, PlanReady(request.request, plan), Remark(at_ns, f"{name}{without}{phase}"))
 
 
-def _standstills(mastership: Mastership, longest_ns: int) -> list[tuple[int, int]]:
+def _standstills(mastership: RecordedMastership, longest_ns: int) -> list[tuple[int, int]]:
     """Return the times (begin, end; ns) in which the manager may have stood still.
 
     Each time begins when the bus falls silent for more than `longest_ns`. It ends with the manager's next
@@ -293,7 +293,7 @@ def _standstills(mastership: Mastership, longest_ns: int) -> list[tuple[int, int
     return [(begin_ns, next((t_ns for t_ns in own if t_ns >= end_ns), end_ns)) for begin_ns, end_ns in silences]
 
 
-def _configurations(planners: Planners, mastership: Mastership) -> dict[int, Configuration]:
+def _configurations(planners: Planners, mastership: RecordedMastership) -> dict[int, Configuration]:
     """Return the configurations that were activated in a mastership, by digest."""
     commanded, found = Commanded(planners.spec, planners.ahead.tables.values()), {}
     for t_ns, command, frame in mastership.said:

@@ -26,7 +26,7 @@ from heronry_wire.management import MAX_TERM
 NO_TERM = 0
 
 
-class Mastership:
+class FollowedManager:
     """The highest term heard, the manager that named it, and the time at which the last accepted LEASE came."""
 
     def __init__(self, lease_ns: int) -> None:

@@ -162,7 +162,7 @@ class Times:
 
 
 @dataclass
-class Reconfiguration:
+class Epoch:
     """One epoch on its way to running; `outbox` collects the messages that the manager must send."""
 
     term: int
@@ -199,7 +199,7 @@ class Reconfiguration:
         if self.stage is Stage.PREPARING:
             self._send_prepare()
             for progress in self._progress.values():
-                self._ask(progress, self.started_ns)
+                self._send_slice(progress, self.started_ns)
 
     @property
     def configuration(self) -> Configuration:
@@ -216,7 +216,7 @@ class Reconfiguration:
             progress.owes(now_ns)
         elif wants_body and not progress.staged:
             progress.wants_body = progress.needs_slice = True
-            self._ask(progress, now_ns)
+            self._send_slice(progress, now_ns)
 
     def not_on_board(self, pe: str, now_ns: int) -> None:
         """Note that by its page 1 a PE does not hold the contingency that PREPARE names; send this PE its slice.
@@ -226,7 +226,7 @@ class Reconfiguration:
         progress = self._progress.get(pe)
         if progress is not None and not progress.staged and not progress.needs_slice:
             progress.needs_slice = True
-            self._ask(progress, now_ns)
+            self._send_slice(progress, now_ns)
 
     def reported(self, pe: str, state: PeState, now_ns: int) -> None:
         """Note which activation step a PE has taken: its page 0 has reported `state` for this epoch."""
@@ -252,7 +252,7 @@ class Reconfiguration:
         self._progress[participant.pe] = self._by_node[participant.node] = progress
         self._send_prepare()
         progress.owes(now_ns)
-        self._ask(progress, now_ns)
+        self._send_slice(progress, now_ns)
 
     def drop(self, pe: str) -> None:
         """Stop waiting for a PE that is no longer available."""
@@ -318,7 +318,7 @@ class Reconfiguration:
             if progress.staged:
                 progress.asked_ns, progress.asked_times = now_ns, progress.asked_times + 1
             else:
-                self._ask(progress, now_ns)
+                self._send_slice(progress, now_ns)
         return overdue
 
     def next_deadline_ns(self) -> int | None:
@@ -362,7 +362,7 @@ class Reconfiguration:
             and participant.runs_digest != self.compiled.slice_digests[participant.node]
         )
 
-    def _ask(self, progress: _Progress, now_ns: int) -> None:
+    def _send_slice(self, progress: _Progress, now_ns: int) -> None:
         """Send a PE the head of its slice, and also the body if the PE wants the body.
 
         If the PE needs no slice, since PREPARE names a contingency on board, nothing is sent here.

@@ -56,7 +56,7 @@ class Moves:
 
 
 @dataclass
-class Reconfiguration:
+class ActiveConfiguration:
     """The configuration that runs on one PE, and how far it is activated.
 
     live: mode of each module that runs.
