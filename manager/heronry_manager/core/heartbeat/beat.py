@@ -41,7 +41,7 @@ class Beat:
     """Sends the beats of an active manager, and the frames that cannot wait for a beat: ALIVE, PING and facts."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge) -> None:
-        self._settings, self._turn = settings, turn
+        self._settings, self._turn, self._pes = settings, turn, settings.spec.pes
         self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
         self._deployment, self._script = known.deployment, known.script
         self.begin()
@@ -76,7 +76,7 @@ class Beat:
 
     def ping(self, pe: str) -> None:
         """Send a PING to a PE; the PE answers with its state."""
-        self._turn.do(self._beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
+        self._turn.do(self._beacon.ping(self._turn.term, self._pes[pe].node_id))
 
     def must_leave_out(self) -> None:
         """Note that a PE named in the last ALIVE is no longer available: `leave_out` will send another ALIVE."""
@@ -96,7 +96,7 @@ class Beat:
         T_lease begins now for each PE that an earlier ALIVE may have named, and that this ALIVE is the first
         not to name.
         """
-        exclusion, pes = self._exclusion, self._settings.spec.pes
+        exclusion, pes = self._exclusion, self._pes
         if not exclusion.waits:
             return
         alive = decode_command(Command.ALIVE, frame.data)
@@ -143,9 +143,9 @@ class Beat:
 
     def _tell_one_accepted(self, pe: str, incarnation: int, kind: ElementKind, number: int) -> None:
         if self._health.said_incarnation(pe, self._turn.now_ns) == incarnation:
-            node = self._settings.spec.pes[pe].node_id
+            node = self._pes[pe].node_id
             accepted = Control(self._turn.term, node, Operation.ACKNOWLEDGE, kind, number)
             self._turn.send(Command.CONTROL, accepted)
 
     def _nodes(self, pes: Iterable[str]) -> frozenset[int]:
-        return frozenset(self._settings.spec.pes[pe].node_id for pe in pes)
+        return frozenset(self._pes[pe].node_id for pe in pes)

@@ -74,9 +74,9 @@ class Replanning:
         self._script.situation_changed(self._situation.now(), change.cause)
         cause = Cause(change.cause, now_ns, since_ns)
         if self._finishes_first():
-            self._gather(cause)
+            self._requests.gather(cause)
             return
-        self._requests.causes.append(cause)
+        self._requests.add_cause(cause)
         if self._deployment.next is not None or self._requests.waiting:
             self._storms.ended_one()
         self._deployment.abandon(change.cause)
@@ -111,11 +111,6 @@ class Replanning:
         """Time (ns) at which to call `tick`, because a failed request is repeated then; None: none has failed."""
         return self._requests.again_ns
 
-    def _gather(self, cause: Cause) -> None:
-        """Keep a cause for the next request for a plan; a cause that is kept already is not added again."""
-        if all(one.what != cause.what for one in self._requests.gathered):
-            self._requests.gathered.append(cause)
-
     def limit(self, change: LimitChanged) -> None:
         """React to a changed limit of a radio.
 
@@ -139,7 +134,7 @@ class Replanning:
 
     def take_over(self, cause: Cause) -> None:
         """Request the first plan after a take-over from another manager; `cause` becomes the cause of the request."""
-        self._requests.causes.append(cause)
+        self._requests.add_cause(cause)
         if not self._health.starting():
             self.request()
 
@@ -212,13 +207,13 @@ class Replanning:
         if self._settings.advise:
             self._following.planned(answer.plan)
         if self._runs_already(answer.plan):
-            self._requests.causes.clear()
+            self._requests.drop_causes()
             self._turn.emit(events.PlanUnchanged, request=answer.request)
             self._storms.over()
             self._settle()
         elif self._settings.advise:
             self._advice.advise(answer.plan, self._known.unknown_epoch(), self._following.runs)
-            self._requests.causes.clear()
+            self._requests.drop_causes()
         else:
             deployment.prepare(answer.plan, self._requests.causes)
 
@@ -244,7 +239,7 @@ class Replanning:
                 self._script.refuse(
                     f"the planner gave no plan with which to compare the result of the script: {answer.reason}"
                 )
-            self._requests.causes.clear()
+            self._requests.drop_causes()
             self._settle()
 
     def _runs_already(self, plan: Plan) -> bool:
@@ -276,7 +271,7 @@ class Replanning:
         """
         is_active = self._claim.state is Mastership.ACTIVE
         if is_active and self._advice.follow(self._situation.now(), self._following.runs):
-            self._requests.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
+            self._requests.add_cause(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
             self._weigh()
 
     def _weigh(self) -> None:
@@ -285,7 +280,7 @@ class Replanning:
         They keep it if it may stay (`_may_stay`) and no plan is awaited. Otherwise a plan is requested.
         """
         if self._may_stay() and not self._requests.waiting:
-            self._requests.causes.clear()
+            self._requests.drop_causes()
             self._settle()
         else:
             self._request()

@@ -85,6 +85,19 @@ class PlanRequests:
             causes=tuple(cause.what for cause in self.causes),
         )
 
+    def add_cause(self, cause: Cause) -> None:
+        """Keep a cause of the present request, or of the next one if there is none."""
+        self.causes.append(cause)
+
+    def gather(self, cause: Cause) -> None:
+        """Keep a cause for the next request only; a cause that is kept already is not added again."""
+        if all(one.what != cause.what for one in self.gathered):
+            self.gathered.append(cause)
+
+    def drop_causes(self) -> None:
+        """Drop all causes but those that are gathered for the next request."""
+        self.causes.clear()
+
     @property
     def is_owed(self) -> bool:
         """Tell whether the manager waits for the planner's answer, or will repeat a request that failed."""
