@@ -35,7 +35,7 @@ from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Action, Event
 from heronry_dg.model import Spec
 from heronry_manager import events
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import load_spec

@@ -4,7 +4,7 @@ from enum import Enum, auto
 
 import pytest
 
-from heronry_manager.core.mastership.claim import TRANSITIONS, Claim, Mastership, MastershipEvent
+from heronry_manager.core.mastership.claim import MASTERSHIP_TRANSITIONS, Claim, Mastership, MastershipEvent
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.tables.compilation import Compiler
 from heronry_manager.core.transitions import TransitionTable
@@ -48,9 +48,11 @@ def test_a_table_knows_by_which_event_a_state_is_reached() -> None:
 
 
 def test_for_each_state_and_event_there_is_one_row_of_mastership() -> None:
-    assert len({(before, event) for before, event, _, _ in TRANSITIONS.rows}) == len(TRANSITIONS.rows)
-    assert {before for before, _, _, _ in TRANSITIONS.rows} == {*Mastership} - {Mastership.RETIRED}
-    assert {event for _, event, _, _ in TRANSITIONS.rows} == {*MastershipEvent}
+    assert len({(before, event) for before, event, _, _ in MASTERSHIP_TRANSITIONS.rows}) == len(
+        MASTERSHIP_TRANSITIONS.rows
+    )
+    assert {before for before, _, _, _ in MASTERSHIP_TRANSITIONS.rows} == {*Mastership} - {Mastership.RETIRED}
+    assert {event for _, event, _, _ in MASTERSHIP_TRANSITIONS.rows} == {*MastershipEvent}
 
 
 def test_a_state_that_was_not_reached_by_the_table_is_noticed() -> None:

@@ -13,7 +13,7 @@ from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.mastership.overheard import Overheard
 from heronry_manager.core.memory import NOTHING, Memory, Runs
 from heronry_manager.core.tables.compilation import Compiler
-from heronry_manager.core.tables.on_board import ContingencyNumbers, on_board
+from heronry_manager.core.tables.contingency_numbers import ContingencyNumbers, on_board
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import EnterPhase, FailElement, OperatorSaid
 from heronry_manager.planner.exact import plan

@@ -26,7 +26,7 @@ from heronry_manager.contingency.file_format import (
 from heronry_manager.contingency.journal import Journal, JournalError
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.core.tables.compilation import Compiler
-from heronry_manager.core.tables.on_board import ContingencyNumbers, loaded, on_board
+from heronry_manager.core.tables.contingency_numbers import ContingencyNumbers, loaded, on_board
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.safe_mode import safe_mode
 from heronry_manager.planner.sweep import Outcome, Scope, Sweep

@@ -23,10 +23,10 @@ from heronry_agent.core.faults import Faults
 from heronry_agent.core.phase_requests import _Watch
 from heronry_agent.core.staging import UNCONFIGURED, Staging
 from heronry_manager.core.authentication.authenticity import Authenticity
-from heronry_manager.core.epochs import epoch
-from heronry_manager.core.mastership import claim
+from heronry_manager.core.epochs import STAGE_TRANSITIONS
+from heronry_manager.core.mastership import MASTERSHIP_TRANSITIONS
 from heronry_manager.core.mastership.claim import Claim
-from heronry_manager.core.membership import standing
+from heronry_manager.core.membership import STANDING_TRANSITIONS
 from heronry_manager.core.membership.exclusion import Exclusion
 from heronry_manager.core.membership.health import Change, Health
 from heronry_manager.core.membership.standing import Standing
@@ -139,9 +139,9 @@ MACHINES = (
     Machine("NO_SESSION OFFERED OPEN", Authenticity, look=sessions),
 )
 TABLES: Mapping[str, TransitionTable[Any, Any]] = {
-    "standing": standing.TRANSITIONS,
-    "epochs": epoch.TRANSITIONS,
-    "mastership": claim.TRANSITIONS,
+    "standing": STANDING_TRANSITIONS,
+    "epochs": STAGE_TRANSITIONS,
+    "mastership": MASTERSHIP_TRANSITIONS,
 }
 
 

@@ -39,7 +39,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.transition import Transitions
 from heronry_manager.bounds.management_times import PACED_BITS, QUIET, Burst, FrameTimes, ManagementTimes
-from heronry_manager.core.tables.compilation import CompiledConfiguration, Compiler
+from heronry_manager.core.tables import CompiledConfiguration, Compiler
 from heronry_manager.core.topology import reached_by_wire, uplink_bus
 from heronry_wire.management import SLICE_BYTES_PER_FRAME, Step
 from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, silent_ns, t_lease_ns

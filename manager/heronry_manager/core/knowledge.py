@@ -15,18 +15,13 @@ The objects stay the same for as long as the manager runs. When the manager forg
     details         what PEs store for people to read. No decision depends on it, and the manager does not forget it
 """
 
-from heronry_manager.core.authentication.authenticity import Authenticity
-from heronry_manager.core.epochs.advice import Advice
-from heronry_manager.core.epochs.deployment import Deployment
-from heronry_manager.core.epochs.held_outputs import HeldOutputs
-from heronry_manager.core.mastership.claim import Claim, Mastership
-from heronry_manager.core.mastership.following import Following
-from heronry_manager.core.membership.exclusion import Exclusion
-from heronry_manager.core.membership.health import Health
-from heronry_manager.core.reports.pe_details import PeDetails
+from heronry_manager.core.authentication import Authenticity
+from heronry_manager.core.epochs import Advice, Deployment, HeldOutputs
+from heronry_manager.core.mastership import Claim, Following, Mastership
+from heronry_manager.core.membership import Exclusion, Health
+from heronry_manager.core.reports import PeDetails
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.situation.held_script import HeldScript
-from heronry_manager.core.situation.known_situation import KnownSituation
+from heronry_manager.core.situation import HeldScript, KnownSituation
 from heronry_manager.core.turn import Turn
 from heronry_wire.sansio import require
 

@@ -42,23 +42,16 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, module_of
 from heronry_manager import events
-from heronry_manager.core.epochs.numbering import next_term
-from heronry_manager.core.heartbeat.beat import Beat
-from heronry_manager.core.intake.inbound import Inbound
-from heronry_manager.core.intake.operator_orders import OperatorOrders, module_problem
-from heronry_manager.core.intake.pe_reports import PeReports
-from heronry_manager.core.intake.reactions import Reactions
-from heronry_manager.core.intake.succession import Succession
+from heronry_manager.core.epochs import next_term
+from heronry_manager.core.heartbeat import Beat
+from heronry_manager.core.intake import Inbound, OperatorOrders, PeReports, Reactions, Succession, module_problem
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership.claim import Claim, Mastership
+from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.memory import Memory
-from heronry_manager.core.planning.replanning import Replanning
-from heronry_manager.core.planning.requests import PlanRequests
-from heronry_manager.core.reports.pe_details import Look
-from heronry_manager.core.reports.status import status
+from heronry_manager.core.planning import PlanRequests, Replanning
+from heronry_manager.core.reports import Look, status
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.tables.compilation import Compiler
-from heronry_manager.core.tables.on_board import ContingencyNumbers
+from heronry_manager.core.tables import Compiler, ContingencyNumbers
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import (
     AliveLeft,
@@ -135,9 +128,13 @@ class ManagerCore:
         beat = self._beat = Beat(settings, turn, known)
         replanning = self._replanning = Replanning(settings, turn, claim, known, requests)
         reactions = self._reactions = Reactions(turn, claim, known, beat, replanning)
-        reports = PeReports(settings, turn, claim, known, beat, replanning, reactions)
-        self._succession = Succession(settings, turn, claim, known, beat, replanning, reactions)
-        self._inbound = Inbound(settings, turn, claim, known, reports, reactions, self._succession)
+        reports = PeReports(settings, turn, claim, known, beat=beat, replanning=replanning, reactions=reactions)
+        succession = self._succession = Succession(
+            settings, turn, claim, known, beat=beat, replanning=replanning, reactions=reactions
+        )
+        self._inbound = Inbound(
+            settings, turn, claim, known, reports=reports, reactions=reactions, succession=succession
+        )
         self._orders = OperatorOrders(settings, turn, known, requests)
         self._journal_problem: str | None = None
         turn.emit(
@@ -324,7 +321,7 @@ class ManagerCore:
             self._turn.emit(events.JournalFailed, problem=problem)
 
     def status(self) -> dict[str, Any]:
-        """Give what the manager knows as plain data, in the form that the module `status` describes."""
+        """Give what the manager knows as plain data, in the form that the module `manager_status` describes."""
         key, known, numbers = self._settings.key, self._known, self._settings.on_board
         manager = {
             "node": self._settings.node,

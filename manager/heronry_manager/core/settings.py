@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 from heronry_dg.model import Bus, Spec
-from heronry_manager.core.tables.compilation import Compiler
-from heronry_manager.core.tables.on_board import ContingencyNumbers
+from heronry_manager.core.tables import Compiler, ContingencyNumbers
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import FIRST_MANAGER
 from heronry_wire.protocol_times import START_UP_WINDOW_NS, t_lease_ns

@@ -47,7 +47,7 @@ class Turn:
         self.now_ns = now_ns
 
     def do(self, *actions: ManagerAction) -> None:
-        """Have the driver do these actions, after those of this turn so far; drop frames if this manager is `silent`."""
+        """Have the driver do these actions, after those of this turn so far; a `silent` manager sends no frames."""
         self._actions += [action for action in actions if not (self.silent and isinstance(action, Send))]
 
     def send(self, command: Command, message: Encodable) -> None:

@@ -45,8 +45,8 @@ silence longer than T_lease this PE is in doubt, and holds its outputs back. The
 - A manager that does not receive the state frames of this PE sends PING once in a period. From two periods after the
   first PING on, this PE sends none of these data frames, until an ALIVE comes a period and an eighth or more after the
   last PING.
-- When a frame ends (a), (c) or (d), the data frames that wait are withdrawn (`exclusive_frames`). For example, a PE whose
-  transmitter had failed has been replaced, and must not send these frames when the transmitter works again.
+- When a frame ends (a), (c) or (d), the data frames that wait are withdrawn (`exclusive_frames`). For example, a PE
+  whose transmitter had failed has been replaced, and must not send these frames when the transmitter works again.
 
 *Wrong frames.* A lost, late or doubled frame can only withdraw an authorization, never give one. Without a key a forged
 LEASE or state frame can hold the outputs back until the next true LEASE, and forged PINGs can hold back the frames of

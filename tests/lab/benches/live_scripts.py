@@ -31,8 +31,8 @@ from heronry_dg.plan import Plan, read_plan
 from heronry_dg.plan_document import plain
 from heronry_dg.situation import Situation, hosts_when_all_is_up
 from heronry_dg.verify import verify
-from heronry_manager.core.epochs.epoch import Stage
-from heronry_manager.core.membership.standing import Standing
+from heronry_manager.core.epochs import Stage
+from heronry_manager.core.membership import Standing
 from heronry_manager.events import PeJoined, PeLost, Reconfigured, ScriptRefused, Status
 from heronry_manager.events.reading import read_event
 from heronry_manager.shell.control_client import call, follow

@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from typing import Final
 
 from heronry_manager.contingency.contingencies import Contingencies
-from heronry_manager.core.membership.standing import Standing
+from heronry_manager.core.membership import Standing
 from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.events import Event, PeJoined, PeLost, PlanUnchanged, Reconfigured
 from heronry_manager.shell.control_client import call, follow

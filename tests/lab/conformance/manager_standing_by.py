@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from heronry_manager import events
 from heronry_manager.core.memory import Memory
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler
 from heronry_manager.core.vocabulary import AskStatus, FailElement, UnlockPe
 from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, Key
 from heronry_wire.command_tags import CommandSigner

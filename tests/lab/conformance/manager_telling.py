@@ -9,7 +9,7 @@ from heronry_dg.situation import Situation, hosts_when_all_is_up
 from heronry_dg.traffic import identifiers
 from heronry_manager import events
 from heronry_manager.core.memory import Latched
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler
 from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.planning import best_plan

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from heronry_agent.core import radio_queue
-from heronry_manager.core.epochs import numbering
+from heronry_manager.core.epochs import EPOCHS_PER_TERM
 from heronry_wire import canopen_objects, capacities, gateway_report, link, management, state_frames, transmit_queue
 from heronry_wire import protocol_times as promised
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
@@ -242,7 +242,7 @@ def times() -> str:
         ("term", f"{management.MAX_TERM}", "the highest term"),
         (
             "epochs",
-            f"{numbering.EPOCHS_PER_TERM} in a block",
+            f"{EPOCHS_PER_TERM} in a block",
             "term t starts with block t - 1, and takes every second block",
         ),
     ]

@@ -3,25 +3,25 @@
 from enum import Enum
 from typing import Any
 
-from heronry_manager.core.epochs import epoch
-from heronry_manager.core.mastership import claim
-from heronry_manager.core.membership import standing
+from heronry_manager.core.epochs import STAGE_TRANSITIONS
+from heronry_manager.core.mastership import MASTERSHIP_TRANSITIONS
+from heronry_manager.core.membership import STANDING_TRANSITIONS
 from heronry_manager.core.transitions import TransitionTable
 
 
 def mastership_of_a_manager() -> str:
     """Draw whether a manager is the active one."""
-    return _diagram(claim.TRANSITIONS)
+    return _diagram(MASTERSHIP_TRANSITIONS)
 
 
 def standing_of_a_pe() -> str:
     """Draw whether a PE is available to a manager."""
-    return _diagram(standing.TRANSITIONS)
+    return _diagram(STANDING_TRANSITIONS)
 
 
 def stage_of_an_epoch() -> str:
     """Draw the stages of an epoch at the manager."""
-    return _diagram(epoch.TRANSITIONS)
+    return _diagram(STAGE_TRANSITIONS)
 
 
 def _diagram(table: TransitionTable[Any, Any]) -> str:

@@ -30,7 +30,7 @@ from heronry_agent.shell.table_waiting import WaitingCore
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler
 from heronry_tools.sim.world.planning import immediate_plan
 from heronry_wire.authentication import KEY_BYTES, Key
 from heronry_wire.frame import Frame

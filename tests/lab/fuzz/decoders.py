@@ -37,7 +37,7 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_manager.contingency.file_format import ContingencyFileError, from_bytes, to_bytes
 from heronry_manager.core.memory import Latched, Memory, Quarantined, Runs, as_json
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler
 from heronry_manager.core.vocabulary import AskStatus, UnlockPe
 from heronry_manager.planner import messages
 from heronry_manager.shell import control_protocol

@@ -37,7 +37,7 @@ _PATIENCE, _PATIENCE_S = 8, 8.0  # limit: a factor of the time without a mutant,
 _MEMORY_BYTES = 4 << 30  # above what is in use at the fork; address space that is reserved and not used counts too
 _POLITENESS = 10
 _PLANNING = "heronry_tools.sim.world.planning"
-_PREPARING = frozenset(("heronry_manager.core.tables.compilation", "heronry_manager.core.tables.on_board"))
+_PREPARING = frozenset(("heronry_manager.core.tables.compilation", "heronry_manager.core.tables.contingency_numbers"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from random import Random
 from heronry_dg.configuration import Running
 from heronry_dg.model import Spec
 from heronry_manager import events
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler
 from heronry_manager.core.vocabulary import ClearElement
 from heronry_manager.shell.control_client import call
 from heronry_tools.console.errors import UserError

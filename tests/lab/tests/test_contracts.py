@@ -23,7 +23,29 @@ class Breach(NamedTuple):
     imported: str
 
 
+# A file of each room of the manager's core: others import the room, and no file of it.
+INSIDE_A_ROOM = {
+    "authentication": "authenticity",
+    "epochs": "deployment",
+    "heartbeat": "beat",
+    "intake": "inbound",
+    "mastership": "claim",
+    "membership": "health",
+    "planning": "requests",
+    "reports": "manager_status",
+    "situation": "known_situation",
+    "tables": "compilation",
+}
 BREACHES = {
+    **{
+        f"The room {room} of the manager's core is entered by its door": Breach(
+            "manager/heronry_manager/shell", f"heronry_manager.core.{room}.{file}"
+        )
+        for room, file in INSIDE_A_ROOM.items()
+    },
+    "Rooms of the manager's core: each imports only what stands below it": Breach(
+        "manager/heronry_manager/core/membership", "heronry_manager.core.epochs"
+    ),
     (
         "Packages: tools above manager and agent, those above component graphs, then dependency graphs, then the wire"
     ): Breach("dg_specs/heronry_dg", "heronry_pcs.graph"),

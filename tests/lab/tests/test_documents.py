@@ -21,7 +21,7 @@ from heronry_dg.keys import key_names
 from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import UnknownElementError, situation
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler
 from heronry_manager.core.transitions import TransitionTable
 from heronry_wire.canaerospace import DataType, Validity
 from heronry_wire.configuration_slice import ModuleSlice, Slice

@@ -69,7 +69,7 @@ def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
 
 
 def _report(spec: "Spec", file: Path, written: "Written") -> None:
-    from heronry_manager.core.tables.on_board import on_board  # noqa: PLC0415
+    from heronry_manager.core.tables import on_board  # noqa: PLC0415 - loads pydantic
 
     made, tally, scope = written.made, written.tally, written.made.scope
     total = sum(1 for _ in made.entries())
@@ -95,7 +95,7 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
 
 
 def _document(spec: "Spec", file: Path, written: "Written") -> dict[str, Any]:
-    from heronry_manager.core.tables.on_board import on_board  # noqa: PLC0415
+    from heronry_manager.core.tables import on_board  # noqa: PLC0415 - loads pydantic
 
     made, tally, scope = written.made, written.tally, written.made.scope
     return {

@@ -1,9 +1,9 @@
-"""The status of a manager (`heronry_manager.core.reports.status`) as text: problems first, then what runs."""
+"""The status of a manager (`heronry_manager.core.reports.manager_status`) as text: problems first, then what runs."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from heronry_manager.core.mastership.claim import Mastership
+from heronry_manager.core.mastership import Mastership
 from heronry_tools.reports.troubles import element_troubles, table_troubles
 
 _NS_PER_S = 1_000_000_000

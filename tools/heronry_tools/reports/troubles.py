@@ -1,4 +1,4 @@
-"""What is not as it should be in a manager's status (`heronry_manager.core.reports.status`), each with a remedy.
+"""What is not as it should be in a manager's status (`core.reports.manager_status`), each with a remedy.
 
 `heronry status` shows the sentences, and ends with 1 on `--exit-code` if there is any; `heronry preflight` shows the
 remedies, too. A PE is judged by `standing_troubles`, to which `preflight` adds what it hears itself.
@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from heronry_dg.situation import module_of
-from heronry_manager.core.epochs.reconfiguration import Stage
-from heronry_manager.core.mastership.claim import Mastership
-from heronry_manager.core.membership.standing import Standing
-from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CODE
+from heronry_manager.core.epochs import Stage
+from heronry_manager.core.mastership import Mastership
+from heronry_manager.core.membership import Standing
+from heronry_manager.core.situation import HELD_CODE, OPERATOR_CODE
 from heronry_tools.reports.findings import Finding
 from heronry_wire.management import FaultCode
 from heronry_wire.state_frames import PeState

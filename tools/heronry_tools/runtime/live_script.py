@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from heronry_dg.model import Spec
-from heronry_manager.core.epochs.epoch import Stage
+from heronry_manager.core.epochs import Stage
 from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_protocol import Answer, FlyScript

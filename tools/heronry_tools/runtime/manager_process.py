@@ -19,7 +19,7 @@ from heronry_manager import events
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
-from heronry_manager.core.tables.on_board import ContingencyNumbers, on_board
+from heronry_manager.core.tables import ContingencyNumbers, on_board
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planning_policy import PlanningPolicy

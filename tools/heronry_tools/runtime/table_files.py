@@ -29,8 +29,7 @@ def table_texts(spec: "Spec", pes: Iterable[str], made: "Contingencies | None") 
 
     made: the contingencies; each table gets as many of them as the PE has room for. None: no contingencies.
     """
-    from heronry_manager.core.tables.compilation import Compiler  # noqa: PLC0415 - loads pydantic
-    from heronry_manager.core.tables.on_board import loaded, on_board  # noqa: PLC0415
+    from heronry_manager.core.tables import Compiler, loaded, on_board  # noqa: PLC0415 - loads pydantic
 
     compiler = Compiler(spec)
     tables = {pe: compiler.table(pe) for pe in pes}

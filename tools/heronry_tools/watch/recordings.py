@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler
 from heronry_manager.events import Event, Feed, ManagerStarted
 from heronry_manager.events.reading import events_in
 from heronry_tools.analysis.made_ahead import kept_contingencies

@@ -1,4 +1,4 @@
-"""Fills a snapshot with the content of a manager's status (`heronry_manager.core.reports.status`).
+"""Fills a snapshot with the content of a manager's status (`heronry_manager.core.reports.manager_status`).
 
 A status may come from a recording, which may be damaged. So its form is checked before it is used; of a status of
 another form nothing is used.

@@ -23,3 +23,7 @@ follows the sessions that the active one opens. A frame without proof ends no se
 
 Without a key there is no such object, and every frame counts. The protocol: docs/protocol/authentication.md.
 """
+
+from heronry_manager.core.authentication.authenticity import Authenticity
+
+__all__ = ["Authenticity"]

@@ -34,3 +34,23 @@ epochs at most: `next`, which is being prepared, and `current`, the last one who
 
 The protocol: docs/protocol/reconfiguration.md.
 """
+
+from heronry_manager.core.epochs.advice import Advice
+from heronry_manager.core.epochs.deployment import Deployment
+from heronry_manager.core.epochs.epoch import STAGE_TRANSITIONS, Cause, Stage
+from heronry_manager.core.epochs.held_outputs import HeldOutputs
+from heronry_manager.core.epochs.numbering import EPOCHS_PER_TERM, NoTermError, next_term
+from heronry_manager.core.epochs.other_tables import ANOTHER_TABLE
+
+__all__ = [
+    "ANOTHER_TABLE",
+    "EPOCHS_PER_TERM",
+    "STAGE_TRANSITIONS",
+    "Advice",
+    "Cause",
+    "Deployment",
+    "HeldOutputs",
+    "NoTermError",
+    "Stage",
+    "next_term",
+]

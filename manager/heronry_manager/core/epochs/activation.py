@@ -26,8 +26,7 @@ from heronry_manager import events
 from heronry_manager.core.epochs.epoch import Epoch, Stage
 from heronry_manager.core.epochs.known_epochs import Epochs, module_changes
 from heronry_manager.core.epochs.observation import Observations
-from heronry_manager.core.membership.exclusion import Exclusion
-from heronry_manager.core.membership.health import Health
+from heronry_manager.core.membership import Exclusion, Health
 from heronry_manager.core.turn import Turn
 from heronry_wire.state_frames import PeState
 

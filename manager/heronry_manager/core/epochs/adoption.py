@@ -27,10 +27,9 @@ from heronry_manager import events
 from heronry_manager.core.epochs.epoch import Epoch
 from heronry_manager.core.epochs.known_epochs import Epochs
 from heronry_manager.core.epochs.observation import Observations
-from heronry_manager.core.membership.exclusion import Exclusion
-from heronry_manager.core.membership.health import Health
+from heronry_manager.core.membership import Exclusion, Health
 from heronry_manager.core.memory import Runs
-from heronry_manager.core.tables.compilation import CompiledConfiguration
+from heronry_manager.core.tables import CompiledConfiguration
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import is_newer
 from heronry_wire.state_frames import PeState

@@ -14,7 +14,7 @@ from heronry_dg.situation import Situation
 from heronry_manager import events
 from heronry_manager.core.epochs.deployment import Deployment
 from heronry_manager.core.epochs.known_epochs import module_changes
-from heronry_manager.core.membership.health import Health
+from heronry_manager.core.membership import Health
 from heronry_manager.core.memory import Runs
 from heronry_manager.core.turn import Turn
 

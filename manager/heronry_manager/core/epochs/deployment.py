@@ -54,11 +54,9 @@ from heronry_manager.core.epochs.epoch import Cause, Epoch, Stage
 from heronry_manager.core.epochs.known_epochs import Epochs
 from heronry_manager.core.epochs.observation import Observations, Observed
 from heronry_manager.core.epochs.other_tables import OtherTables
-from heronry_manager.core.membership.exclusion import Exclusion
-from heronry_manager.core.membership.health import Health
+from heronry_manager.core.membership import Exclusion, Health
 from heronry_manager.core.memory import Runs
-from heronry_manager.core.tables.compilation import Compiler
-from heronry_manager.core.tables.on_board import ContingencyNumbers
+from heronry_manager.core.tables import Compiler, ContingencyNumbers
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import COMMAND_OF, Lease, Step, is_newer, newest_epoch
 from heronry_wire.sansio import NEVER_NS, require

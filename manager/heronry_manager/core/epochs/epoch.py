@@ -42,7 +42,7 @@ from enum import Enum, auto
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.plan import Plan
-from heronry_manager.core.tables.compilation import CompiledConfiguration
+from heronry_manager.core.tables import CompiledConfiguration
 from heronry_manager.core.transitions import TransitionTable
 from heronry_wire.management import SLICE_BYTES_PER_FRAME, Activate, Prepare, SliceBody, SliceHead, Step
 from heronry_wire.protocol_times import PATIENCE_PERIODS
@@ -74,7 +74,7 @@ class StageEvent(Enum):
     IS_GIVEN_UP = auto()
 
 
-TRANSITIONS = TransitionTable(
+STAGE_TRANSITIONS = TransitionTable(
     {Stage.PREPARING: "PREPARE", Stage.DONE: "adopted, since it runs already"},
     (
         (Stage.PREPARING, StageEvent.IS_GIVEN_UP, Stage.ABANDONED, "the situation has changed"),
@@ -349,7 +349,7 @@ class Epoch:
         self._send_step()
 
     def _move(self, event: StageEvent) -> None:
-        self.stage = TRANSITIONS.after(self.stage, event)
+        self.stage = STAGE_TRANSITIONS.after(self.stage, event)
         self.step = _STEP_OF[self.stage]
 
     def _waiting_for(self) -> dict[str, _Progress]:

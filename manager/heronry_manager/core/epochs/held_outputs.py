@@ -16,7 +16,7 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_manager import events
 from heronry_manager.core.epochs.deployment import Deployment
-from heronry_manager.core.membership.health import Health
+from heronry_manager.core.membership import Health
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
 from heronry_wire.protocol_times import t_lease_ns

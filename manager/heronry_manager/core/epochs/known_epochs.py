@@ -21,11 +21,9 @@ from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.core.epochs.epoch import Cause, Epoch, Participant, Stage
 from heronry_manager.core.epochs.numbering import EpochNumbers
 from heronry_manager.core.epochs.observation import Observations
-from heronry_manager.core.membership.exclusion import Exclusion
-from heronry_manager.core.membership.health import Health
+from heronry_manager.core.membership import Exclusion, Health
 from heronry_manager.core.memory import Runs
-from heronry_manager.core.tables.compilation import CompiledConfiguration, Compiler
-from heronry_manager.core.tables.on_board import ContingencyNumbers
+from heronry_manager.core.tables import CompiledConfiguration, Compiler, ContingencyNumbers
 from heronry_manager.core.topology import reached_by_wire
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import is_newer

@@ -11,3 +11,7 @@ it.
 not made up for; a doubled one has no effect; a forged one is the business of who hears it (docs/protocol/mastership.md
 and docs/protocol/exclusion.md). After a restart the first beat of the new term is due immediately.
 """
+
+from heronry_manager.core.heartbeat.beat import Beat
+
+__all__ = ["Beat"]

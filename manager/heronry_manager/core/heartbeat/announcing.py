@@ -18,9 +18,7 @@ fact hears it again later. It drops a fact that it has not heard for some turns 
 """
 
 from heronry_dg.model import Spec
-from heronry_manager.core.situation.changed_priorities import Fact
-from heronry_manager.core.situation.held_script import HeldScript
-from heronry_manager.core.situation.known_situation import KnownSituation
+from heronry_manager.core.situation import Fact, HeldScript, KnownSituation
 from heronry_wire.management import ElementKind, Operation
 from heronry_wire.protocol_times import ANNOUNCED_EVERY
 

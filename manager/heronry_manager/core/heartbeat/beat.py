@@ -20,7 +20,7 @@ from collections.abc import Iterable
 from heronry_manager.core.heartbeat.announcing import Announcer
 from heronry_manager.core.heartbeat.beacon import Beacon
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.membership.standing import Standing
+from heronry_manager.core.membership import Standing
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame

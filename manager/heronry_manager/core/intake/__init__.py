@@ -14,3 +14,11 @@ only once it is proven (`authentication`). Whether a frame that is lost, late or
 that gets it: each of these has a table in its head. An order of the operator is answered with one sentence, and an
 order that comes twice has no effect the second time.
 """
+
+from heronry_manager.core.intake.inbound import Inbound
+from heronry_manager.core.intake.operator_orders import OperatorOrders, module_problem
+from heronry_manager.core.intake.pe_reports import PeReports
+from heronry_manager.core.intake.reactions import Reactions
+from heronry_manager.core.intake.succession import Succession
+
+__all__ = ["Inbound", "OperatorOrders", "PeReports", "Reactions", "Succession", "module_problem"]

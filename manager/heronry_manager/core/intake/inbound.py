@@ -21,7 +21,7 @@ from heronry_manager.core.intake.pe_reports import PeReports
 from heronry_manager.core.intake.reactions import Reactions
 from heronry_manager.core.intake.succession import Succession
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership.claim import Claim, Mastership
+from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame, Malformed
@@ -51,6 +51,7 @@ class Inbound:
         turn: Turn,
         claim: Claim,
         known: Knowledge,
+        *,
         reports: PeReports,
         reactions: Reactions,
         succession: Succession,

@@ -32,10 +32,9 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_function, checked_phase, module_of
 from heronry_dg.verify import verify
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.planning.requests import PlanRequests
+from heronry_manager.core.planning import PlanRequests
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.situation.changes import Changes, TargetOrdered, TargetReleased
-from heronry_manager.core.situation.latched_faults import OPERATOR_CODE, LatchedFault
+from heronry_manager.core.situation import OPERATOR_CODE, Changes, LatchedFault, TargetOrdered, TargetReleased
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import (
     ClearElement,

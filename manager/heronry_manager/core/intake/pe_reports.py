@@ -13,11 +13,11 @@ A page that cannot be decoded has no effect. When a manager that has fallen sile
 everything except what its journal holds (`memory`), and listens for T_lease.
 """
 
-from heronry_manager.core.heartbeat.beat import Beat
+from heronry_manager.core.heartbeat import Beat
 from heronry_manager.core.intake.reactions import Reactions
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership.claim import Claim, Mastership
-from heronry_manager.core.planning.replanning import Replanning
+from heronry_manager.core.mastership import Claim, Mastership
+from heronry_manager.core.planning import Replanning
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Malformed
@@ -52,6 +52,7 @@ class PeReports:
         turn: Turn,
         claim: Claim,
         known: Knowledge,
+        *,
         beat: Beat,
         replanning: Replanning,
         reactions: Reactions,

@@ -20,15 +20,15 @@ own state changes.
 from collections.abc import Iterable
 
 from heronry_manager import events
-from heronry_manager.core.epochs.other_tables import ANOTHER_TABLE
-from heronry_manager.core.heartbeat.beat import Beat
+from heronry_manager.core.epochs import ANOTHER_TABLE
+from heronry_manager.core.heartbeat import Beat
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership.claim import Claim
-from heronry_manager.core.membership.health import Change, HealthChange
+from heronry_manager.core.mastership import Claim
+from heronry_manager.core.membership import Change, HealthChange
 from heronry_manager.core.memory import Quarantined, Released
-from heronry_manager.core.planning.replanning import Replanning
-from heronry_manager.core.reports.pe_details import Look
-from heronry_manager.core.situation.changes import (
+from heronry_manager.core.planning import Replanning
+from heronry_manager.core.reports import Look
+from heronry_manager.core.situation import (
     LimitChanged,
     ModuleReleased,
     PeSuspected,

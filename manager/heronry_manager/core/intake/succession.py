@@ -17,12 +17,12 @@
 """
 
 from heronry_manager import events
-from heronry_manager.core.epochs.epoch import Cause
-from heronry_manager.core.heartbeat.beat import Beat
+from heronry_manager.core.epochs import Cause
+from heronry_manager.core.heartbeat import Beat
 from heronry_manager.core.intake.reactions import Reactions
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership.claim import Claim, Mastership
-from heronry_manager.core.planning.replanning import Replanning
+from heronry_manager.core.mastership import Claim, Mastership
+from heronry_manager.core.planning import Replanning
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Malformed
@@ -39,6 +39,7 @@ class Succession:
         turn: Turn,
         claim: Claim,
         known: Knowledge,
+        *,
         beat: Beat,
         replanning: Replanning,
         reactions: Reactions,

@@ -25,3 +25,8 @@ manager has sent something is none.
 
 The protocol: docs/protocol/mastership.md.
 """
+
+from heronry_manager.core.mastership.claim import MASTERSHIP_TRANSITIONS, Claim, Mastership
+from heronry_manager.core.mastership.following import Following
+
+__all__ = ["MASTERSHIP_TRANSITIONS", "Claim", "Following", "Mastership"]

@@ -29,16 +29,16 @@ Manager 127 also stands by for a while if it hears no manager at its start, so t
 (`following`). A manager that only advises the operator (`advice`) sends no frames, so it need not give way.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
-`TRANSITIONS`. An active manager repeats its LEASE in each period, so a lost LEASE does no harm. A late or doubled LEASE
-makes no manager give way twice. A restart begins with LISTENING, and with the terms that the journal remembers. The
-manager cannot tell whether another manager is gone, or is merely not heard here. The reports of the PEs decide that
-(`following`).
+`MASTERSHIP_TRANSITIONS`. An active manager repeats its LEASE in each period, so a lost LEASE does no harm. A late or
+doubled LEASE makes no manager give way twice. A restart begins with LISTENING, and with the terms that the journal
+remembers. The manager cannot tell whether another manager is gone, or is merely not heard here. The reports of the PEs
+decide that (`following`).
 """
 
 from enum import Enum, auto
 
 from heronry_manager import events
-from heronry_manager.core.epochs.numbering import NoTermError, next_term
+from heronry_manager.core.epochs import NoTermError, next_term
 from heronry_manager.core.memory import TermBegun
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.transitions import TransitionTable
@@ -73,7 +73,7 @@ class MastershipEvent(Enum):
     FALLS_SILENT = auto()
 
 
-TRANSITIONS = TransitionTable(
+MASTERSHIP_TRANSITIONS = TransitionTable(
     {Mastership.LISTENING: "start"},
     (
         (Mastership.LISTENING, MastershipEvent.ENDS, Mastership.RETIRED, "LEASE of another manager"),
@@ -153,11 +153,11 @@ class Claim:
 
     def validate(self) -> None:
         """Check the last change of state; raises InvariantError, which lists the recent events."""
-        is_listed = TRANSITIONS.may_be(self.state, self._last_event)
+        is_listed = MASTERSHIP_TRANSITIONS.may_be(self.state, self._last_event)
         require(is_listed, "{} was reached by {}: {}", self.state, self._last_event, self._turn.recent)
 
     def _move(self, event: MastershipEvent) -> None:
-        self.state, self._last_event = TRANSITIONS.after(self.state, event), event
+        self.state, self._last_event = MASTERSHIP_TRANSITIONS.after(self.state, event), event
 
     # Listening
 

@@ -53,12 +53,10 @@ from functools import partial
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_manager.core.mastership.overheard import Overheard
-from heronry_manager.core.membership.exclusion import Exclusion
+from heronry_manager.core.membership import Exclusion
 from heronry_manager.core.memory import Runs, TermBegun
-from heronry_manager.core.situation.changes import Changes
-from heronry_manager.core.situation.known_situation import KnownSituation
-from heronry_manager.core.tables.compilation import Compiler
-from heronry_manager.core.tables.on_board import ContingencyNumbers
+from heronry_manager.core.situation import Changes, KnownSituation
+from heronry_manager.core.tables import Compiler, ContingencyNumbers
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import NO_EPOCH, Alive, Control, ElementKind, Lease, ManagementMessage, Operation

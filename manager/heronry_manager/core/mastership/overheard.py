@@ -22,8 +22,7 @@ from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.model import Spec
 from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.core.memory import Runs
-from heronry_manager.core.tables.compilation import Compiler
-from heronry_manager.core.tables.on_board import ContingencyNumbers
+from heronry_manager.core.tables import Compiler, ContingencyNumbers
 from heronry_manager.core.turn import Turn
 from heronry_wire.configuration_slice import SliceError, decode_slice, slice_digest
 from heronry_wire.management import (

@@ -26,3 +26,9 @@ first ACTIVATE of an epoch (`epochs`), and lost by what the PE reports or by tim
 
 The protocol: docs/protocol/membership.md and docs/protocol/exclusion.md.
 """
+
+from heronry_manager.core.membership.exclusion import Exclusion
+from heronry_manager.core.membership.health import Change, Health, HealthChange
+from heronry_manager.core.membership.standing import STANDING_TRANSITIONS, Standing
+
+__all__ = ["STANDING_TRANSITIONS", "Change", "Exclusion", "Health", "HealthChange", "Standing"]

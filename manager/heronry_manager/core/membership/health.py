@@ -40,7 +40,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from heronry_dg.model import Spec
-from heronry_manager.core.membership.standing import TRANSITIONS, Standing, StandingEvent
+from heronry_manager.core.membership.standing import STANDING_TRANSITIONS, Standing, StandingEvent
 from heronry_manager.core.topology import command_period_ns, uplink_bus
 from heronry_wire.protocol_times import (
     FORGIVEN_AFTER_NS,
@@ -107,7 +107,7 @@ class _Record:
 
     def move(self, event: StandingEvent) -> None:
         """Change the standing by an event; raises InvariantError if the table in `standing` has no row for it."""
-        self.standing = TRANSITIONS.after(self.standing, event)
+        self.standing = STANDING_TRANSITIONS.after(self.standing, event)
 
     def says(self, incarnation: int, now_ns: int) -> None:
         if incarnation != self.said:

@@ -42,7 +42,7 @@ class StandingEvent(Enum):
     QUARANTINED = auto()
 
 
-TRANSITIONS = TransitionTable(
+STANDING_TRANSITIONS = TransitionTable(
     {Standing.WAITING: "start"},
     (
         (Standing.WAITING, StandingEvent.HEARD, Standing.UP, "heard"),

@@ -22,3 +22,8 @@ failure, and a script of the operator. A manager that stands by requests nothing
 
 Desired, commanded and observed stay apart: the plan is desired, `epochs` commands, only states of PEs are observed.
 """
+
+from heronry_manager.core.planning.replanning import Replanning
+from heronry_manager.core.planning.requests import PlanRequests
+
+__all__ = ["PlanRequests", "Replanning"]

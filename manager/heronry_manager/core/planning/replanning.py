@@ -35,13 +35,13 @@ from heronry_dg.objective import CRITICAL_CLASSES
 from heronry_dg.plan import Plan
 from heronry_dg.verify import verify
 from heronry_manager import events
-from heronry_manager.core.epochs.epoch import Cause
+from heronry_manager.core.epochs import Cause
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership.claim import Claim, Mastership
+from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.planning.requests import PlanRequests
 from heronry_manager.core.planning.storms import Storms
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.situation.changes import LimitChanged, PlanNeeded
+from heronry_manager.core.situation import LimitChanged, PlanNeeded
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, Settled
 

@@ -27,7 +27,7 @@ from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager import events
-from heronry_manager.core.epochs.epoch import Cause
+from heronry_manager.core.epochs import Cause
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
 from heronry_wire.protocol_times import PLAN_AGAIN_NS

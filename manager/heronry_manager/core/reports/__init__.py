@@ -1,6 +1,6 @@
 """Reports: what people are told when they ask. No decision depends on anything here.
 
-    status           the state of the whole manager as one document
+    manager_status   the state of the whole manager as one document
     pe_details       what PEs store for people to read: why modules failed, how often a computer stood still, which
                      table a PE has
     object_reader    idle ─► opened ─► segments: reads these objects by SDO, one at a time, and gives way to others
@@ -14,3 +14,8 @@ read, and reads it again when somebody asks.
 
 Events are told where they happen (`turn.emit`), not here. The page: docs/canopen.md.
 """
+
+from heronry_manager.core.reports.manager_status import status
+from heronry_manager.core.reports.pe_details import Look, PeDetails
+
+__all__ = ["Look", "PeDetails", "status"]

@@ -35,7 +35,7 @@ from typing import Any
 
 from heronry_dg.situation import hosts_when_all_is_up
 from heronry_manager import events
-from heronry_manager.core.mastership.claim import Claim
+from heronry_manager.core.mastership import Claim
 from heronry_manager.core.reports.object_reader import ObjectReader
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn

@@ -29,3 +29,37 @@ except that it bars a PE with a latched fault and cuts off the PEs beyond a radi
 
 The protocol: docs/protocol/faults.md, phases.md, priorities.md, radios.md and channels.md.
 """
+
+from heronry_manager.core.situation.changed_priorities import Fact
+from heronry_manager.core.situation.changes import (
+    Changes,
+    LimitChanged,
+    ModuleReleased,
+    PeSuspected,
+    PlanNeeded,
+    SituationChange,
+    TargetOrdered,
+    TargetReleased,
+)
+from heronry_manager.core.situation.held_script import HeldScript
+from heronry_manager.core.situation.known_situation import KnownSituation
+from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault
+from heronry_manager.core.situation.radio_links import LinkRecord
+
+__all__ = [
+    "HELD_CODE",
+    "OPERATOR_CODE",
+    "Changes",
+    "Fact",
+    "HeldScript",
+    "KnownSituation",
+    "LatchedFault",
+    "LimitChanged",
+    "LinkRecord",
+    "ModuleReleased",
+    "PeSuspected",
+    "PlanNeeded",
+    "SituationChange",
+    "TargetOrdered",
+    "TargetReleased",
+]

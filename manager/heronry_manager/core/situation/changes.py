@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration
-from heronry_manager.core.membership.health import HealthChange
+from heronry_manager.core.membership import HealthChange
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_manager import events
-from heronry_manager.core.membership.health import Health
+from heronry_manager.core.membership import Health
 from heronry_manager.core.memory import Cleared, Latched, PhaseEntered, PhaseRequest, PriorityRequest, Released
 from heronry_manager.core.situation.changed_priorities import ChangedPriorities, Fact
 from heronry_manager.core.situation.changes import (

@@ -18,7 +18,7 @@ nothing. A forged report only leads to a PING. A manager that restarts forgets s
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
 from heronry_manager import events
-from heronry_manager.core.membership.health import Health
+from heronry_manager.core.membership import Health
 from heronry_manager.core.turn import Turn
 from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 

@@ -48,10 +48,10 @@ _COMPILED = {
     "heronry_wire": "authentication canaerospace command_tags configuration_slice frame gateway_report "
     "identifiers layout management packing protocol_times sansio state_frames timing",
     "heronry_agent": "module",
-    "heronry_agent.core": "active_configuration agent authenticity canopen_node command_acceptance condition deadlines faults followed_manager gateway "
-    "inbound link_meter mailboxes nonces output_authorization passing_welcomes phase_requests publishing "
-    "radio_port radio_queue radios reporting restarts running_modules schedule staging state_seal "
-    "table_index turn vocabulary without_manager",
+    "heronry_agent.core": "active_configuration agent authenticity canopen_node command_acceptance condition deadlines "
+    "exclusive_frames faults followed_manager gateway inbound link_meter mailboxes nonces output_authorization "
+    "passing_welcomes phase_requests publishing radio_port radio_queue radios reporting restarts running_modules "
+    "schedule staging state_seal table_index turn vocabulary without_manager",
     "heronry_agent.parts": "reading",
     "heronry_agent.shell": "devices module_runner start_orders",
     "heronry_manager.core": "knowledge manager turn vocabulary",

@@ -13,7 +13,7 @@ no part of the mastership is replayed, and the first failed check is reported as
 from collections.abc import Iterable, Iterator
 
 from heronry_dg.model import Spec
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler
 from heronry_tools.sim.replay.recording import RecordedMastership
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.management import SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, decode_command

@@ -21,7 +21,7 @@ sooner than in the flight.
 from collections.abc import Iterable, Iterator, Sequence
 
 from heronry_dg.model import Spec
-from heronry_manager.core.authentication.authenticity import Authenticity
+from heronry_manager.core.authentication import Authenticity
 from heronry_manager.core.turn import Turn
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, LoggedFrame, Malformed

@@ -27,8 +27,7 @@ from heronry_dg.situation import Situation, elements
 from heronry_dg.verify import verify
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_manager.core.tables.compilation import Compiler
-from heronry_manager.core.tables.on_board import ContingencyNumbers, loaded, on_board
+from heronry_manager.core.tables import Compiler, ContingencyNumbers, loaded, on_board
 from heronry_manager.core.vocabulary import PlanReady, RequestPlan
 from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.greedy.planner import Greedy

@@ -43,14 +43,12 @@ from typing import Any
 from heronry_dg.model import Function, Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
-from heronry_manager.core.authentication.authenticity import Authenticity
-from heronry_manager.core.epochs.deployment import Deployment
-from heronry_manager.core.epochs.held_outputs import HeldOutputs
-from heronry_manager.core.membership.health import Health
+from heronry_manager.core.authentication import Authenticity
+from heronry_manager.core.epochs import Deployment, HeldOutputs
+from heronry_manager.core.membership import Health
 from heronry_manager.core.memory import PriorityChanged
 from heronry_manager.core.reports.pe_details import PeDetails
-from heronry_manager.core.situation.known_situation import KnownSituation
-from heronry_manager.core.situation.radio_links import LinkRecord
+from heronry_manager.core.situation import KnownSituation, LinkRecord
 
 VERSION = 1
 
