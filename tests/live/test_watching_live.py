@@ -16,7 +16,7 @@ import pytest
 
 from heronry_manager.events import Bus, Event, Reconfigured
 from heronry_manager.events.reading import events_in
-from heronry_tools.watch.recordings import open_recording
+from heronry_tools.sources.recordings import open_recording
 
 pytestmark = pytest.mark.live
 SPEC = "dg_specs/examples/triplex_voting.dg.yaml"  # so small that a slow computer keeps up with it

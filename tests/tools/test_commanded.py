@@ -3,7 +3,7 @@
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.core.tables.compilation import Compiler
-from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.recording.commanded import Commanded
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.management import Activate, Lease, Prepare, SliceBody, SliceHead, Step
 

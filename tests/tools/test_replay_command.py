@@ -14,12 +14,12 @@ from heronry_dg.plan import Plan, make_plan
 from heronry_manager.core.vocabulary import RequestPlan
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
+from heronry_tools.recording.masterships import masterships, on_the_managers_bus, read_recording
 from heronry_tools.runtime.wake_ups import with_heartbeat
 from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.replay.comparison import compared
-from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording
 from heronry_tools.sim.replay.rerun import Planners, Rerun
 from heronry_tools.sim.world import planning
 from heronry_wire.authentication import KEY_BYTES

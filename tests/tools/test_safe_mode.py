@@ -12,7 +12,7 @@ from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_manager.core.tables.compilation import Compiler
-from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.recording.commanded import Commanded
 from heronry_tools.sim.oracles.oracle import StateSaid
 from heronry_tools.sim.oracles.safe_mode import SafeModeCheck, rests
 from heronry_tools.sim.world.planning import best_plan

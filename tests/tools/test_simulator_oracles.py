@@ -18,6 +18,7 @@ from heronry_manager.core.authentication import attack_rate
 from heronry_manager.core.situation import radio_links
 from heronry_manager.core.situation.known_situation import KnownSituation
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
+from heronry_tools.recording.commanded import Epoch
 from heronry_tools.runtime.witness import Outage
 from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.flight.injection.schedule import Injections
@@ -25,7 +26,6 @@ from heronry_tools.sim.flight.outcome import Scenario, play
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles import limits as promised
 from heronry_tools.sim.oracles.checks import Checks
-from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.exclusion import ExclusionCheck
 from heronry_tools.sim.oracles.liveness import Losses
 from heronry_tools.sim.oracles.oracle import StateSaid

@@ -10,7 +10,8 @@ from heronry_dg.plan_report import BusReport, FunctionReport, PeReport
 from heronry_manager import events
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.watch.recordings import Recording, open_recording
+from heronry_tools.sources.recordings import open_recording
+from heronry_tools.watch.recording import Recording
 from heronry_wire.frame import LoggedFrame, format_log_line
 
 MS = 1_000_000

@@ -15,9 +15,10 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.events.line import to_line
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
+from heronry_tools.sources.recordings import open_recording, tables_of
 from heronry_tools.watch.listening import Listening
 from heronry_tools.watch.metrics import exposition
-from heronry_tools.watch.recordings import Recording, open_recording, tables_of
+from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Snapshot, document
 from heronry_tools.watch.timeline import Timeline

@@ -14,10 +14,10 @@ from heronry_manager.events import HearsNobody
 from heronry_tools.cli import main
 from heronry_tools.commands.record import size
 from heronry_tools.console.errors import UserError
-from heronry_tools.sim.replay.recorded_folder import HEAD
-from heronry_tools.sim.replay.recording import read_recording
+from heronry_tools.recording.masterships import read_recording
+from heronry_tools.recording.recorded_folder import HEAD
+from heronry_tools.sources.recordings import open_recording
 from heronry_tools.watch.recorder import Recorder
-from heronry_tools.watch.recordings import open_recording
 from heronry_tools.watch.snapshot import Snapshot
 from heronry_wire.frame import Frame, LoggedFrame
 from watch.flights import big_blue
@@ -168,7 +168,7 @@ def test_it_says_where_it_records_and_how_that_ended(
 ) -> None:
     folder = tmp_path / "flight"
     handlers: dict[int, Any] = {}
-    monkeypatch.setattr("heronry_tools.watch.source_arguments.opened_feed", lambda _arguments: _Quiet())
+    monkeypatch.setattr("heronry_tools.sources.opened.opened_feed", lambda _arguments: _Quiet())
     monkeypatch.setattr("signal.signal", handlers.__setitem__)
     assert main(["record", "big_blue", "-o", str(folder), "--for", "0.3"]) == 0
     assert capsys.readouterr().out.splitlines() == [

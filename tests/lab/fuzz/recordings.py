@@ -14,12 +14,13 @@ from pathlib import Path
 from heronry_manager.events import Event, Place, Resumed, Status
 from heronry_manager.events.line import to_line
 from heronry_manager.events.reading import events_in
+from heronry_tools.recording.recorded_folder import HEAD, log_of, spec_of
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.replay.recorded_folder import HEAD, log_of, spec_of
+from heronry_tools.sources.recordings import events_of_log
 from heronry_tools.watch.configurations import RunningPlan
 from heronry_tools.watch.export.signals import signals_of
 from heronry_tools.watch.metrics import exposition
-from heronry_tools.watch.recordings import Recording, events_of_log
+from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.snapshot import document
 from heronry_tools.watch.top import panels
 from heronry_tools.web.recording import Recording as PageRecording

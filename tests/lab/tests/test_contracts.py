@@ -49,7 +49,7 @@ BREACHES = {
     (
         "Packages: tools above manager and agent, those above component graphs, then dependency graphs, then the wire"
     ): Breach("dg_specs/heronry_dg", "heronry_pcs.graph"),
-    "The agent imports the wire alone, not the dependency graph": Breach(
+    "The agent, and so pe-agent, imports the wire alone: nothing above the agent, and no dependency graph": Breach(
         "pe_agent/heronry_agent/shell", "heronry_dg.model"
     ),
     "What plans and what flies knows no component graph": Breach("manager/heronry_manager/core", "heronry_pcs.graph"),
@@ -65,6 +65,9 @@ BREACHES = {
     ),
     "The avionics of flights run on PEs: they know the agent's API alone": Breach(
         "tools/heronry_tools/fly/avionics", "heronry_dg.model"
+    ),
+    "What is watched needs no simulator: views know no flight that is computed": Breach(
+        "tools/heronry_tools/watch", "heronry_tools.sim.replay.rerun"
     ),
     "Only the pages need a web server": Breach("tools/heronry_tools/runtime", "starlette"),
     "The agent's shell may import its core, and the core no shell": Breach(

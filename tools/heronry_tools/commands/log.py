@@ -40,9 +40,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Convert a recorded flight; returns 0."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import
     from heronry_tools.console.whole_file import expect_writable  # noqa: PLC0415
+    from heronry_tools.sources.recordings import open_recording  # noqa: PLC0415
     from heronry_tools.watch.export.mcap_file import write_mcap  # noqa: PLC0415
     from heronry_tools.watch.export.mf4_file import write_mf4  # noqa: PLC0415
-    from heronry_tools.watch.recordings import open_recording  # noqa: PLC0415
     from heronry_wire.key_file import read_key  # noqa: PLC0415
 
     writers = {".mcap": write_mcap, ".mf4": write_mf4}

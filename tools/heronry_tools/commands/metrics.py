@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.number_arguments import whole_number
 from heronry_tools.console.output import add_output_file
-from heronry_tools.watch.source_arguments import EXAMPLES, add_source_arguments
+from heronry_tools.sources.arguments import EXAMPLES, add_source_arguments
 
 if TYPE_CHECKING:
     from heronry_tools.watch.top.sources import TopSource
@@ -34,9 +34,9 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the metrics once, or serve them until a signal (with --port); returns 0."""
+    from heronry_tools.sources.opened import opened_source  # noqa: PLC0415
     from heronry_tools.watch.metrics import exposition  # noqa: PLC0415 - with all below slow to import
     from heronry_tools.watch.metrics_server import serve  # noqa: PLC0415
-    from heronry_tools.watch.source_arguments import opened_source  # noqa: PLC0415
     from heronry_tools.watch.top.sources import source_of  # noqa: PLC0415
 
     source = source_of(opened_source(arguments))

@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.preflight.inspection import Inspection  # noqa: PLC0415
     from heronry_tools.reports.findings import all_right, as_json, as_text  # noqa: PLC0415
-    from heronry_tools.watch.source_arguments import named_choices  # noqa: PLC0415
+    from heronry_tools.sources.opened import named_choices  # noqa: PLC0415
     from heronry_wire.key_file import read_key  # noqa: PLC0415
 
     if not 0 < arguments.seconds <= 600:

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from heronry_tools.watch.source_arguments import add_source_arguments
+from heronry_tools.sources.arguments import add_source_arguments
 from heronry_wire.interruption import noted
 
 _EPILOG = """\
@@ -55,8 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Record until a signal comes, or until the time of --for is over; returns 0."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import
     from heronry_tools.console.spec_argument import spec_path  # noqa: PLC0415
+    from heronry_tools.sources.opened import opened_feed  # noqa: PLC0415
     from heronry_tools.watch.recorder import LEAST_BYTES, Recorder  # noqa: PLC0415
-    from heronry_tools.watch.source_arguments import opened_feed  # noqa: PLC0415
 
     if arguments.limit < LEAST_BYTES:
         raise UserError(

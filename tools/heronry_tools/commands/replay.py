@@ -69,10 +69,10 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay every mastership of the recording; returns the exit code."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import, and no help to `--help`
-    from heronry_tools.sim.replay.another_spec import of_another_spec  # noqa: PLC0415
+    from heronry_tools.recording.another_spec import of_another_spec  # noqa: PLC0415
+    from heronry_tools.recording.masterships import masterships, on_the_managers_bus, read_recording  # noqa: PLC0415
     from heronry_tools.sim.replay.comparison import compared  # noqa: PLC0415
     from heronry_tools.sim.replay.flown_heartbeat import as_flown  # noqa: PLC0415
-    from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording  # noqa: PLC0415
     from heronry_tools.sim.replay.rerun import Planners, Rerun  # noqa: PLC0415
     from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415
 
@@ -120,7 +120,7 @@ def _spec_of(recording: Path, text: str | None) -> "Spec":
     """
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
-    from heronry_tools.sim.replay.recorded_folder import is_recorded_folder, spec_of  # noqa: PLC0415
+    from heronry_tools.recording.recorded_folder import is_recorded_folder, spec_of  # noqa: PLC0415
 
     if is_recorded_folder(recording):
         return spec_of(recording, text)
@@ -137,7 +137,7 @@ def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Na
     Raises UserError if the flight has a key and --key is missing, or if --key is given and the flight has no key.
     """
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
-    from heronry_tools.sim.replay.proven import is_tagged, proven  # noqa: PLC0415
+    from heronry_tools.recording.proven import is_tagged, proven  # noqa: PLC0415
     from heronry_wire.key_file import read_key  # noqa: PLC0415
 
     if not is_tagged(frames):

@@ -7,7 +7,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from heronry_tools.watch.source_arguments import EXAMPLES, add_source_arguments
+from heronry_tools.sources.arguments import EXAMPLES, add_source_arguments
 
 if TYPE_CHECKING:
     from heronry_tools.watch.top.sources import TopSource
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError("--once prints one snapshot as JSON: add --json")
     if not arguments.json and not (sys.stdout.isatty() and sys.stderr.isatty()):  # Textual writes to both
         raise UserError("there is no terminal to show the system in: add --json, for snapshots as JSON lines")
-    from heronry_tools.watch.source_arguments import opened_source  # noqa: PLC0415
+    from heronry_tools.sources.opened import opened_source  # noqa: PLC0415
     from heronry_tools.watch.top.sources import RecordedSource, source_of  # noqa: PLC0415
 
     source = source_of(opened_source(arguments))

@@ -6,7 +6,7 @@ Exit codes: 0 the page was served until the command was stopped; 2 the page cann
 import argparse
 from typing import Any
 
-from heronry_tools.watch.source_arguments import EXAMPLES, add_source_arguments
+from heronry_tools.sources.arguments import EXAMPLES, add_source_arguments
 
 _EPILOG = f"""\
 The page shows the dependency graph as it runs, the PEs, every reconfiguration with its times, the load of the buses and

@@ -15,7 +15,7 @@ from heronry_dg.plan_document import PlanDocument
 from heronry_dg.situation import Situation
 from heronry_manager import events
 from heronry_manager.core.topology import reached_by_wire
-from heronry_tools.sim.oracles.commanded import Commanded, Epoch
+from heronry_tools.recording.commanded import Commanded, Epoch
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import Command
 from heronry_wire.management import Activate, Lease, ManagementMessage, Step, decode_command

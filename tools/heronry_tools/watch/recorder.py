@@ -20,7 +20,7 @@ from heronry_dg.model import Spec
 from heronry_manager.events import Event, Resumed
 from heronry_manager.events.line import to_line
 from heronry_tools.console.errors import UserError
-from heronry_tools.sim.replay.recorded_folder import EVENTS_SUFFIX, FORMAT, FRAMES_SUFFIX, HEAD
+from heronry_tools.recording.recorded_folder import EVENTS_SUFFIX, FORMAT, FRAMES_SUFFIX, HEAD
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Source, document
 from heronry_wire.command_parser import program_version

@@ -18,9 +18,9 @@ from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_argument import manager_socket
 from heronry_tools.console.spec_argument import load_spec_file, spec_path
+from heronry_tools.sources.opened import opened_source
 from heronry_tools.watch.live_feeds import FollowedManager
 from heronry_tools.watch.reducer import Reducer
-from heronry_tools.watch.source_arguments import opened_source
 from heronry_tools.web.app import Site
 from heronry_tools.web.following import OpenFeed, read_in_thread
 from heronry_tools.web.live import Live
@@ -79,7 +79,7 @@ def serve_what(arguments: argparse.Namespace) -> None:
 def _opened(arguments: argparse.Namespace) -> Opened:
     if arguments.demo_orders is not None:  # the manager of this demo starts later
         return _demo(arguments)
-    from heronry_tools.watch.recordings import Recording as Recorded  # noqa: PLC0415 - a demo starts sooner without
+    from heronry_tools.watch.recording import Recording as Recorded  # noqa: PLC0415 - a demo starts sooner without
 
     source = opened_source(arguments)
     if isinstance(source, Recorded):
@@ -100,7 +100,7 @@ def _demo(arguments: argparse.Namespace) -> Opened:
 
 def _spec_file(arguments: argparse.Namespace) -> Path:
     """Give the file of a recording's spec, which the planner's process loads."""
-    from heronry_tools.sim.replay.recorded_folder import head_of  # noqa: PLC0415 - a demo starts sooner without
+    from heronry_tools.recording.recorded_folder import head_of  # noqa: PLC0415 - a demo starts sooner without
     from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
 
     if arguments.spec is not None:

@@ -69,9 +69,10 @@ _COMPILED = {
     "heronry_tools.fly": "atmosphere camera observation sensors servos",
     "heronry_tools.fly.avionics": "control flight_management position tracking_filter",
     "heronry_tools.fly.dynamics": "eav moving_air",
+    "heronry_tools.recording": "commanded",
     "heronry_tools.runtime": "witness",
     "heronry_tools.sim.faults": "protocol_state",
-    "heronry_tools.sim.oracles": "authenticity availability blame channels checks commanded configurations end_state "
+    "heronry_tools.sim.oracles": "authenticity availability blame channels checks configurations end_state "
     "epochs exclusion frames freshness journal known liveness load oracle orphans phase places planned_load priorities "
     "progress proven_commands proven_states publishing queues radio registry active_term safe_mode scripts service "
     "silence solitude terms transitions violation",

@@ -17,7 +17,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
 from heronry_manager.core.topology import reached_by_wire
-from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.recording.commanded import Epoch
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 

@@ -21,8 +21,8 @@ from heronry_dg.objective import CRITICAL_CLASSES, score
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.verify import verify
+from heronry_tools.recording.commanded import Epoch
 from heronry_tools.runtime.witness import PATIENCE_PERIODS, Witness
-from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.epochs import LastState
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.planning import best_at_all

@@ -23,7 +23,7 @@ from collections import deque
 from heronry_agent.module import Datum, Value
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
-from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.recording.commanded import Commanded
 from heronry_tools.sim.oracles.limits import FRESH_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation

@@ -7,10 +7,10 @@ facts are derived by oracles. This file creates these oracles, and the list of a
 from collections.abc import Collection
 
 from heronry_dg.model import Spec
+from heronry_tools.recording.commanded import Commanded
 from heronry_tools.runtime.witness import Witness
 from heronry_tools.sim.oracles.availability import AvailabilityCheck
 from heronry_tools.sim.oracles.blame import BlameCheck
-from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.oracles.epochs import EpochCheck
 from heronry_tools.sim.oracles.journal import Read
 from heronry_tools.sim.oracles.liveness import Losses

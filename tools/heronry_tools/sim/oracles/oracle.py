@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from heronry_dg.situation import Situation
-from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.recording.commanded import Epoch
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning_seen import PlanningSeen

@@ -15,7 +15,7 @@ A report names an element by its kind and index. CLEAR and HOLDS of `module:NAME
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import module_of, places
-from heronry_tools.sim.oracles.commanded import elements_by_kind
+from heronry_tools.recording.commanded import elements_by_kind
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 
 _BY_OTHERS = (FaultCode.REPORTED,)

@@ -10,7 +10,7 @@ from collections import Counter
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import hops, identifiers
-from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.recording.commanded import Epoch
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent

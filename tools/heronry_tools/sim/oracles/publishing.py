@@ -23,7 +23,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import hops, identifiers
-from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.recording.commanded import Commanded
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation

@@ -14,7 +14,7 @@ a LEASE was on the bus.
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
-from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.recording.commanded import Commanded
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation

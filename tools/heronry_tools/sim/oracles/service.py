@@ -49,8 +49,8 @@ from heronry_dg.objective import CRITICAL_CLASSES, score
 from heronry_dg.situation import Situation, module_of
 from heronry_dg.uplinks import radios
 from heronry_manager.core.topology import uplink_bus
+from heronry_tools.recording.commanded import Epoch
 from heronry_tools.runtime.witness import Outage
-from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.limits import (
     HOLD_DOWN_PERIODS,
     LEASE_PERIODS,

@@ -26,9 +26,9 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import score, serving_modules
 from heronry_dg.situation import Situation
+from heronry_tools.recording.commanded import Epoch
 from heronry_tools.runtime.witness import Outage, Witness
 from heronry_tools.sim.faults.fault import MANAGERS
-from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.safe_mode import is_critical
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.planning import best_at_all

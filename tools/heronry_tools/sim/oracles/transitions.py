@@ -20,7 +20,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.transition import Transition
 from heronry_dg.verify_transition import verify_transition
-from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.recording.commanded import Epoch
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import NO_EPOCH, Activate, Lease, ManagementMessage, Step

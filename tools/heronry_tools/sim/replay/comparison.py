@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 from typing import Literal
 
-from heronry_tools.sim.replay.recording import Decision, RecordedMastership
+from heronry_tools.recording.masterships import Decision, RecordedMastership
 from heronry_tools.sim.replay.rerun import Remark, Rerun
 
 Taken = Literal["both", "recorded", "replayed"]

@@ -15,8 +15,8 @@ from math import log2
 from statistics import median
 
 from heronry_dg.model import Spec
+from heronry_tools.recording.masterships import RecordedMastership
 from heronry_tools.runtime.wake_ups import LONGEST_HEARTBEAT_NS, with_heartbeat
-from heronry_tools.sim.replay.recording import RecordedMastership
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
 
 _FEWEST = 4

@@ -47,8 +47,8 @@ from heronry_manager.planning_policy import (
     PrePlan,
     Source,
 )
-from heronry_tools.sim.oracles.commanded import Commanded
-from heronry_tools.sim.replay.recording import Decision, RecordedMastership, decision_of, note
+from heronry_tools.recording.commanded import Commanded
+from heronry_tools.recording.masterships import Decision, RecordedMastership, decision_of, note
 from heronry_tools.sim.world.planning import Prepared, prepared_with
 from heronry_wire.frame import Malformed
 from heronry_wire.management import decode_command

@@ -13,7 +13,7 @@ from typing import Any
 
 from heronry_manager.events.line import to_object
 from heronry_tools.watch.export.signals import Series, listed_events, signals_of
-from heronry_tools.watch.recordings import Recording
+from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.sentences import sentence_of
 from heronry_tools.watch.snapshot import Reconfiguration
 from heronry_wire.command_parser import program_version

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from heronry_tools.watch.export.signals import listed_events, signals_of
-from heronry_tools.watch.recordings import Recording
+from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.sentences import sentence_of
 from heronry_tools.watch.snapshot import Reconfiguration
 from heronry_wire.command_parser import program_version

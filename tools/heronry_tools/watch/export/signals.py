@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_manager import events
-from heronry_tools.watch.recordings import Recording
+from heronry_tools.watch.recording import Recording
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from heronry_tools.watch.live_feeds import Feed
-from heronry_tools.watch.recordings import Recording
+from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Snapshot
 

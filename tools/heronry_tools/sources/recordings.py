@@ -7,7 +7,6 @@ hold, the feed has no causes. A folder has the events that were recorded in flig
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
 from typing import Any
@@ -19,31 +18,16 @@ from heronry_manager.events.reading import events_in
 from heronry_tools.analysis.made_ahead import kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec
-from heronry_tools.sim.replay.another_spec import of_another_spec
-from heronry_tools.sim.replay.proven import is_tagged, proven
-from heronry_tools.sim.replay.recorded_folder import events_of, expect_spec_of, is_recorded_folder, log_of, spec_of
-from heronry_tools.sim.replay.recording import RecordedMastership, masterships, on_the_managers_bus, read_recording
+from heronry_tools.recording.another_spec import of_another_spec
+from heronry_tools.recording.masterships import RecordedMastership, masterships, on_the_managers_bus, read_recording
+from heronry_tools.recording.proven import is_tagged, proven
+from heronry_tools.recording.recorded_folder import events_of, expect_spec_of, is_recorded_folder, log_of, spec_of
 from heronry_tools.watch.listening import Listening
-from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.snapshot import Source
-from heronry_tools.watch.timeline import Timeline
 from heronry_wire.authentication import Key
 from heronry_wire.frame import LoggedFrame
 from heronry_wire.pe_table import PeTable
-
-
-@dataclass(frozen=True, slots=True)
-class Recording:
-    """A recorded flight: its frames, if there are any, and its feed."""
-
-    spec: Spec
-    frames: list[LoggedFrame]
-    events: list[Event]
-    source: Source
-
-    def timeline(self) -> Timeline:
-        """Give the timeline, which has the snapshot at any time."""
-        return Timeline(Reducer(self.spec), self.events, self.source)
 
 
 def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Recording:

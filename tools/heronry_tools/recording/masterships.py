@@ -19,7 +19,7 @@ from pathlib import Path
 
 from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
-from heronry_tools.sim.replay.recorded_folder import is_recorded_folder, log_of
+from heronry_tools.recording.recorded_folder import is_recorded_folder, log_of
 from heronry_wire.channel_merge import ChannelMerge
 from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
 from heronry_wire.identifiers import MANAGER_NODES, Command, heartbeat_id, management_id

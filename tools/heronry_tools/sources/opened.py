@@ -1,70 +1,18 @@
-"""The source that a view watches, as its command line names it: a manager on this computer, a bus, or a recording.
-
-All views have the same arguments:
-
-nothing              the manager of this computer, found as 'heronry status' finds it
---log FILE [SPEC]    a candump log, a folder of 'heronry record', a scenario, or events as JSON lines
-SPEC with -i, -c     the frames on the buses of this spec; the view sends nothing
-"""
+"""Opens the source that a command line names (`arguments`)."""
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.manager_argument import add_manager_argument, manager_socket
+from heronry_tools.console.manager_argument import manager_socket
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
     from heronry_tools.runtime.demo.buses import BusChoice
     from heronry_tools.watch.live_feeds import Feed
-    from heronry_tools.watch.recordings import Recording
+    from heronry_tools.watch.recording import Recording
     from heronry_wire.authentication import Key
-
-EXAMPLES = """\
-  heronry {command}                                   the manager on this computer, or of the demo beside this
-  heronry {command} --of big_blue-demo                where several managers run
-  heronry {command} big_blue -i socketcan -c can0     the bus alone, listening only; no causes
-  heronry {command} --log flight.log big_blue         a recorded flight
-"""
-
-
-def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = False) -> None:
-    """Add the arguments with which a user names a source: a manager, buses or a recording.
-
-    is_live: leave out the arguments for a recording.
-    """
-    from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
-
-    parser.add_argument(
-        "spec",
-        metavar="SPEC",
-        nargs="?",
-        help=f"the spec of the bus{'' if is_live else ' or the log'}: a *.dg.yaml file, or a shipped spec",
-    )
-    if not is_live:
-        parser.add_argument(
-            "--log",
-            type=Path,
-            metavar="FILE",
-            help="a candump log, a folder of 'heronry record', a *.scenario, or events of a manager (*.jsonl)",
-        )
-    parser.add_argument(
-        "--key",
-        type=Path,
-        metavar="FILE",
-        help=f"key file that verifies the frames on a bus{'' if is_live else ' or in a log'}, if the flight has a key",
-    )
-    parser.add_argument(
-        "--bus",
-        metavar="NAME=[INTERFACE:]CHANNEL",
-        action="append",
-        default=[],
-        help="a bus of SPEC to listen to; may be repeated",
-    )
-    add_manager_argument(parser)
-    add_bus_arguments(parser, "the manager's bus, to listen to")
 
 
 def opened_source(arguments: argparse.Namespace) -> "Feed | Recording":
@@ -75,7 +23,7 @@ def opened_source(arguments: argparse.Namespace) -> "Feed | Recording":
         raise UserError(
             "a manager (--of, --socket), a bus (-i, -c, --bus) and a recording (--log): name only one of them"
         )
-    from heronry_tools.watch.recordings import open_recording  # noqa: PLC0415 - loads the solver
+    from heronry_tools.sources.recordings import open_recording  # noqa: PLC0415 - loads the solver
 
     return open_recording(arguments.log, arguments.spec, _key(arguments))
 
@@ -116,8 +64,8 @@ def _key(arguments: argparse.Namespace) -> "Key | None":
 
 def _listened(arguments: argparse.Namespace, key: "Key | None") -> "Feed":
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.sources.recordings import tables_of  # noqa: PLC0415
     from heronry_tools.watch.live_feeds import ListenedBuses  # noqa: PLC0415
-    from heronry_tools.watch.recordings import tables_of  # noqa: PLC0415
 
     if arguments.spec is None:
         raise UserError("a bus does not name its spec: add the spec, as in 'heronry top big_blue -i socketcan -c can0'")

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 
 from heronry_dg.model import Spec
 from heronry_manager.core.tables import Compiler
-from heronry_tools.sim.replay.recording import RecordedMastership
+from heronry_tools.recording.masterships import RecordedMastership
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.management import SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, decode_command
 from heronry_wire.pe_table import PeTable
