@@ -158,6 +158,15 @@ class ManagerCore:
         return self._claim.is_active
 
     @property
+    def is_pressed(self) -> bool:
+        """Tell whether something is urgent: a PE is suspected, a plan is awaited, or an epoch is on its way.
+
+        A plan that was requested in the background is not awaited.
+        """
+        known = self._known
+        return self._replanning.is_urgent or known.deployment.is_under_way() or known.health.suspects_any()
+
+    @property
     def term(self) -> int:
         """The number of this manager's present or last mastership."""
         return self._turn.term

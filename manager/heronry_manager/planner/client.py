@@ -5,12 +5,17 @@ pipe. Only `wait_until_ready`, `ask` and `close` block. An event loop watches th
 same for the life of the client, and calls `poll()` whenever this descriptor is readable. If the process hangs, the
 caller has to call `cancel()`.
 
+`hold(True)` stops the process (SIGSTOP), so that it takes no processor time at all, and `hold(False)` lets it go on
+where it was. A process that is started meanwhile is stopped at once. If the client ends while its process is stopped,
+the process ends, too (`service`).
+
 Every request gets exactly one answer, `Planned` or `Failed`; only a request that `cancel()` drops gets none. If the
 process ends, its request has failed, and the next request starts another process.
 """
 
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -85,6 +90,7 @@ class PlannerClient:
         self._inside: Request | None = None  # the request that the process works on
         self._unread = b""
         self._process: _Process | None = None
+        self._is_held = False
         self._start()
 
     def __enter__(self) -> Self:
@@ -121,6 +127,13 @@ class PlannerClient:
             for line in lines:
                 found.extend(self._read(line))
         return found
+
+    def hold(self, is_held: bool) -> None:
+        """Stop the process, or let it go on; requests meanwhile wait. No effect if this is so already."""
+        if is_held != self._is_held:
+            self._is_held = is_held
+            if self._process is not None:
+                self._process.signal(signal.SIGSTOP if is_held else signal.SIGCONT)
 
     def cancel(self) -> None:
         """Drop all requests that have no answer yet; if the process works on one of them, start a new process."""
@@ -166,6 +179,8 @@ class PlannerClient:
 
     def _start(self) -> None:
         self._process = _Process(self._file.fileno(), self._name, self._niceness)
+        if self._is_held:
+            self._process.signal(signal.SIGSTOP)
         self._selector.register(self._process.answers, EVENT_READ)
 
     def _stop(self, *, kill: bool) -> int | None:
@@ -270,10 +285,16 @@ class _Process:
             self._requests.write(line)
             self._requests.flush()
 
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal; no effect if the process has ended."""
+        self._process.send_signal(number)
+
     def end(self, *, kill: bool) -> int:
         """End the process by closing its standard input, or by `kill`; return its exit code."""
         if kill:
             self._process.kill()
+        else:
+            self.signal(signal.SIGCONT)  # a stopped process would not notice
         with suppress(BrokenPipeError):
             self._requests.close()
         self.answers.close()

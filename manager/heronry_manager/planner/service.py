@@ -10,6 +10,9 @@ before it is sent. If a request fails, its answer is the error, and the process 
 The process ends without a message when standard input closes (then its client has ended), or when an answer can no
 longer be written. A thread waits for the end of standard input, so that a search in progress ends with the client. To
 cancel a request, a client ends the process.
+
+A client may also stop the process (SIGSTOP) and let it go on. A stopped process cannot notice that its client has
+ended, so the kernel kills it then. That is arranged before the solver is loaded, which takes most of the start.
 """
 
 import os
@@ -17,11 +20,10 @@ import sys
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
-from typing import BinaryIO, NoReturn
+from typing import TYPE_CHECKING, BinaryIO, NoReturn
 
 from heronry_dg.loader import load_bytes
 from heronry_dg.verify import verify
-from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.messages import (
     Answer,
     MessageError,
@@ -32,10 +34,17 @@ from heronry_manager.planner.messages import (
     answer_line,
     read_request,
 )
+from heronry_wire.parent_death import die_with
+
+if TYPE_CHECKING:
+    from heronry_manager.planner.exact import Planner
 
 
 def main() -> None:
     """Answer requests for plans until standard input closes."""
+    die_with(os.getppid())
+    from heronry_manager.planner.exact import Planner  # noqa: PLC0415 - loads the solver
+
     answers = _own_standard_output()
     spec = load_bytes(Path(f"/dev/fd/{int(sys.argv[1])}").read_bytes(), sys.argv[2])
     lines: SimpleQueue[bytes] = SimpleQueue()
@@ -46,7 +55,7 @@ def main() -> None:
         _send(answers, answer(planner, lines.get()))
 
 
-def answer(planner: Planner, line: bytes) -> Answer:
+def answer(planner: "Planner", line: bytes) -> Answer:
     """Answer one request, given as a line; a request that fails gets the error as its answer."""
     try:
         request = read_request(line, planner.spec)
@@ -58,7 +67,7 @@ def answer(planner: Planner, line: bytes) -> Answer:
         return Refusal(request.number, f"the planner failed ({type(error).__name__}: {error})")
 
 
-def _planned(planner: Planner, request: Request) -> Answer:
+def _planned(planner: "Planner", request: Request) -> Answer:
     found = planner.solved(request.now, request.running)
     violations = verify(planner.spec, request.now, found.best)
     if violations:

@@ -43,6 +43,7 @@ from heronry_manager.core.vocabulary import (
     Stop,
 )
 from heronry_manager.shell.control_socket import ControlSocket
+from heronry_manager.shell.filler_pauses import FillerPauses
 from heronry_manager.shell.journal import Journal
 from heronry_manager.shell.ordered_telling import HELD_NS, OrderedTelling
 from heronry_manager.shell.planner_processes import PlannerProcesses
@@ -102,6 +103,7 @@ class ManagerDriver:
         self._tell_stream, self._place, self._file = emit, place, file
         self._telling = OrderedTelling(emit) if in_order else None
         self._plants = Plants(spec)
+        self._pauses, self._has_stood_still = FillerPauses(core.heartbeat_ns), False
         self._journal_problem: str | None = None
         self._stood_still_ns = 0  # how far the core's clock is behind
         self._frozen_ns: int | None = None  # the core's time while the bus is lost; None: the bus is not lost
@@ -144,6 +146,7 @@ class ManagerDriver:
             if deadline_ns is not None and self._now_ns() >= deadline_ns and self._frozen_ns is None:
                 self._step(Tick())
                 self._service.lives(time.monotonic_ns())
+            self._let_fillers_pause()
             for said in self._control.poll():
                 self._step(said.target(self._spec, self._core) if isinstance(said, ScriptSaid) else said)
             self._link.pump(time.monotonic_ns())
@@ -152,6 +155,12 @@ class ManagerDriver:
             self._control.followers.pump(self._status)
             if self._telling is not None:  # while the bus is lost the clock stands still, and nothing is read from a PE
                 self._telling.tell_until(self._now_ns() - HELD_NS if self._frozen_ns is None else None)
+
+    def _let_fillers_pause(self) -> None:
+        """Stop the searches for which nobody waits while something is urgent or late; let them go on afterwards."""
+        now_ns = time.monotonic_ns()
+        is_pressed, self._has_stood_still = self._core.is_pressed or self._has_stood_still, False
+        self._planners.hold(self._pauses.look(now_ns, is_pressed=is_pressed), now_ns)
 
     def _emit(self, told: events.Event) -> None:
         """Give an event to `emit` (with `in_order`, after a delay), and to all clients that follow the events."""
@@ -194,6 +203,7 @@ class ManagerDriver:
         if self._control.has_orders:
             return 0
         deadlines = [self._link.next_deadline_ns(), self._planners.next_deadline_ns(), self._core_due_ns()]
+        deadlines.append(self._pauses.next_deadline_ns())
         deadlines.append(None if self._telling is None else self._on_this_clock(self._telling.due_ns()))
         waits_ns = [deadline_ns - time.monotonic_ns() for deadline_ns in deadlines if deadline_ns is not None]
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
@@ -216,6 +226,7 @@ class ManagerDriver:
         """Report a standstill of this process to the core, before any event that may follow from the standstill."""
         stood_still = self._meter.woke(now_ns, time.thread_time_ns())
         if stood_still is not None:
+            self._has_stood_still = True
             self._step(stood_still)
 
     def _now_ns(self) -> int:

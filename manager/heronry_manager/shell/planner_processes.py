@@ -14,10 +14,14 @@ Every request has a time budget, which begins when the request is made. A proces
 end of the budget is killed and replaced, and all its requests have failed. (The process may have been stopped,
 its disk may not answer, or the search may not end.) If the aircraft waits for the plan, the policy then uses
 the greedy planner, which needs no process.
+
+The driver says when the fillers pause (`filler_pauses`). Then the pre-planner's process is stopped, and so is the
+planner's process unless the aircraft waits for its plan. A pause does not count in a budget, and nothing new is
+pre-planned in it.
 """
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Protocol
 
 from heronry_dg.objective import Placement
@@ -64,6 +68,9 @@ class PlannerLink(Protocol):
     def cancel(self) -> None:
         """Forget all requests: they get no answer. If the process works on a request, replace the process."""
 
+    def hold(self, is_held: bool) -> None:
+        """Stop the process, so that it takes no processor time, or let it go on where it was."""
+
     def fileno(self) -> int:
         """Give the descriptor that is readable when `poll` has something to do."""
 
@@ -94,10 +101,33 @@ class PlannerProcesses:
         self._at_hand: list[PlannerAnswered] = []  # answers from `_kept`, for the next poll
         self._until_ns: dict[int, int] = {}  # by request in the planner: the end of its budget
         self._ahead_until_ns: dict[int, int] = {}  # by request in the pre-planner: the end of its budget
+        self._awaited: set[int] = set()  # requests in the planner for whose plan the aircraft waits
+        self._held_since_ns: int | None = None  # begin of the pause of the fillers
 
     def readers(self) -> list[PlannerLink]:
         """Give the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
         return [one for one in (self._planner, self._pre_planner) if one is not None]
+
+    def hold(self, is_held: bool, now_ns: int) -> None:
+        """Let the fillers pause, or go on."""
+        if is_held and self._held_since_ns is None:
+            self._held_since_ns = now_ns
+        elif not is_held and self._held_since_ns is not None:
+            paused_ns, self._held_since_ns = now_ns - self._held_since_ns, None
+            for request in self._until_ns.keys() - self._awaited:
+                self._until_ns[request] += paused_ns
+            for request in self._ahead_until_ns:
+                self._ahead_until_ns[request] += paused_ns
+        else:
+            return
+        self._hold_processes()
+
+    def _hold_processes(self) -> None:
+        is_held = self._held_since_ns is not None
+        if self._pre_planner is not None:
+            self._pre_planner.hold(is_held)
+        if self._planner is not None:
+            self._planner.hold(is_held and bool(self._until_ns) and not self._awaited)
 
     def take(self, told: RequestPlan | Settled) -> list[PlanReady | PlanFailed]:
         """Take a request or report of the core; returns an immediate answer, if there is one.
@@ -118,17 +148,21 @@ class PlannerProcesses:
         All answers of both processes are given to the policy (`planning_policy`), which decides what goes to the
         core. The plans of the pre-planner stay with the policy.
         """
-        ahead = _answers(self._pre_planner, self._ahead_until_ns)
-        answers = _answers(self._planner, self._until_ns)
+        is_paused = self._held_since_ns is not None
+        ahead = _answers(self._pre_planner, self._ahead_until_ns, may_hang=not is_paused)
+        answers = _answers(self._planner, self._until_ns, may_hang=not is_paused or bool(self._awaited))
         for one in answers:
             self._keep(one)
+            self._awaited.discard(one.request)
+        if answers and is_paused:
+            self._hold_processes()
         events: list[FromPlanner | Settled] = [
             *(PrePlannerAnswered(one.request, one.plan if isinstance(one, Planned) else None) for one in ahead),
             *(PlannerAnswered(_in_the_cores_words(one)) for one in answers),
             *self._at_hand,
         ]
         self._at_hand = []
-        if self._settled is not None and self._settled[0] <= time.monotonic_ns():
+        if self._settled is not None and self._settled[0] <= time.monotonic_ns() and not is_paused:
             events.append(self._settled[1])
             self._settled = None
         return [answer for event in events for answer in self._carry_out(self._policy.step(event))]
@@ -141,6 +175,8 @@ class PlannerProcesses:
         """
         if self._at_hand:
             return 0
+        if self._held_since_ns is not None:
+            return min((self._until_ns[request] for request in self._awaited), default=None)
         calm_ns = () if self._settled is None else (self._settled[0],)
         return min((*self._until_ns.values(), *self._ahead_until_ns.values(), *calm_ns), default=None)
 
@@ -156,7 +192,10 @@ class PlannerProcesses:
                         continue
                     budget_ns = AHEAD_NS if plan_request.in_background else AWAITED_NS
                     self._until_ns[plan_request.request] = time.monotonic_ns() + budget_ns
+                    if not plan_request.in_background:
+                        self._awaited.add(plan_request.request)
                     self._planner.request(plan_request.request, plan_request.now, plan_request.running)
+                    self._hold_processes()
                 case PrePlan(number, question):  # pragma: no branch - nothing else is left
                     self._pre_planner = self._pre_planner or self._start_pre_planner()
                     self._ahead_until_ns[number] = time.monotonic_ns() + AHEAD_NS
@@ -188,19 +227,20 @@ class PlannerProcesses:
             del self._kept[next(iter(self._kept))]
 
 
-def _answers(planner: PlannerLink | None, until_ns: dict[int, int]) -> Iterable[Planned | Failed]:
+def _answers(planner: PlannerLink | None, until_ns: dict[int, int], *, may_hang: bool) -> list[Planned | Failed]:
     """Give the answers that have arrived from a process; there are none if `planner` is None.
 
     If a request has exceeded its budget, the process is replaced, and all its unanswered requests have failed.
 
     until_ns: by request, the time (ns) at which its budget ends; answered and failed requests are removed.
+    may_hang: whether a process that says nothing hangs; False: it pauses.
     """
     if planner is None:
         return []
     answers = planner.poll()
     for answer in answers:
         until_ns.pop(answer.request, None)
-    if until_ns and min(until_ns.values()) <= time.monotonic_ns():
+    if may_hang and until_ns and min(until_ns.values()) <= time.monotonic_ns():
         planner.cancel()
         reason = "the planner's process hangs: it did not answer within its budget, and was replaced"
         answers += [Failed(number, reason) for number in until_ns]

@@ -20,7 +20,6 @@ further step. If a step was ordered before, the partition skips it once its auth
 A partition writes no core file, since writing one would take seconds.
 """
 
-import ctypes
 import os
 import resource
 import signal
@@ -49,8 +48,8 @@ from heronry_agent.shell.partition_messages import (
     decode_orders,
     encode_answer,
 )
+from heronry_wire.parent_death import die_with
 
-_PR_SET_PDEATHSIG = 1
 _PACKET_BYTES = 262_144
 _DESCRIPTORS = 65_536
 
@@ -115,13 +114,6 @@ def _print(failure: Failure) -> None:
     """Print the traceback of a failure, if that is possible."""
     with suppress(OSError, ValueError, MemoryError):  # the reader may have ended, and memory may have run out
         print(failure.traceback, end="", file=sys.stderr, flush=True)
-
-
-def die_with(agent: int) -> None:
-    """Have the kernel kill this process when the process `agent` ends; exit if `agent` has ended already."""
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != agent:
-        sys.exit(1)
 
 
 def main(arguments: list[str]) -> int:

@@ -263,6 +263,10 @@ class Deployment:
         """Say why no epoch is opened, while `is_held`."""
         return self.other_tables.why()
 
+    def is_under_way(self) -> bool:
+        """Tell whether an epoch is on its way: it is being prepared, or was activated and does not run everywhere."""
+        return self.next is not None or (self.current is not None and self.current.stage is not Stage.DONE)
+
     def is_active(self, pe: str) -> bool:
         """Tell whether the last state of a PE reports ACTIVE: it runs all of its slice."""
         return self.observed.of[pe].state is PeState.ACTIVE

@@ -197,6 +197,10 @@ class Health:
         """Give the PEs that are UP or SUSPECT, in the spec's order."""
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
+    def suspects_any(self) -> bool:
+        """Tell whether a PE is SUSPECT: its state is late, and it is not declared down yet."""
+        return any(record.standing is Standing.SUSPECT for record in self._records.values())
+
     def hears_no_pe(self, now_ns: int) -> bool:
         """Tell whether this manager hears no PE any more.
 

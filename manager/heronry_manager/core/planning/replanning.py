@@ -107,6 +107,11 @@ class Replanning:
         return self._requests.waiting
 
     @property
+    def is_urgent(self) -> bool:
+        """Tell whether a plan is awaited, or will be requested again, that was not requested in the background."""
+        return self._requests.is_owed and not self._requests.in_background
+
+    @property
     def again_ns(self) -> int | None:
         """Time (ns) at which to call `tick`, because a failed request is repeated then; None: none has failed."""
         return self._requests.again_ns

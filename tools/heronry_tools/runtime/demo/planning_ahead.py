@@ -11,17 +11,23 @@ plans that were found are kept, and the next demo continues from them.
     waiting --start()--> planning --its end--> reported
                             |
                          close() ends the process
+
+While a PE is suspected, or a plan or an epoch is under way, the demo stops the process, and lets it go on afterwards.
+If the demo is killed meanwhile, the kernel kills the process.
 """
 
 import os
+import signal
 import subprocess
 import sys
 import threading
 from pathlib import Path
 
 from heronry_dg.model import Spec
+from heronry_manager.events import Event, PeAnswered, PeLost, PeSuspected
 from heronry_tools.analysis.made_ahead import Ahead, contingencies_of, found_so_far, kept_contingencies, questions
 from heronry_tools.console.spec_argument import load_spec
+from heronry_wire.parent_death import die_with
 
 _NICENESS = 5  # a third of the share of a process with nice value 0, a tenth of that of a node with NODE_PRIORITY
 
@@ -33,6 +39,8 @@ class PlanningAhead:
         self._spec, self._file = spec, file
         self._process: subprocess.Popen[bytes] | None = None
         self._found_before = 0
+        self._is_held = False
+        self._suspected: set[str] = set()
 
     def start(self) -> str:
         """Start the process that makes the plans for every single fault; returns a sentence for the user."""
@@ -45,6 +53,20 @@ class PlanningAhead:
             f"the {questions(self._spec)} plans for every single fault are made in the background; "
             "this demo flies without them"
         )
+
+    def follow(self, told: Event) -> None:
+        """Note an event of the manager: which PEs it suspects."""
+        if isinstance(told, PeSuspected):
+            self._suspected.add(told.pe)
+        elif isinstance(told, PeAnswered | PeLost):
+            self._suspected.discard(told.pe)
+
+    def pause_if(self, *, is_something_under_way: bool) -> None:
+        """Stop the process (SIGSTOP) while a PE is suspected or something is under way; else let it go on."""
+        is_held = is_something_under_way or bool(self._suspected)
+        if is_held != self._is_held and self._process is not None:
+            self._is_held = is_held
+            self._process.send_signal(signal.SIGSTOP if is_held else signal.SIGCONT)
 
     def outcome(self) -> str | None:
         """Give a sentence about the result, on the first call after the process has ended; None on all other calls."""
@@ -88,6 +110,7 @@ def main() -> int:
 
     The code is 1 if the plans cannot be made or kept; a message on standard error gives the reason.
     """
+    die_with(os.getppid())
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)
     threading.Thread(target=_end_with_demo, daemon=True).start()

@@ -139,6 +139,8 @@ class Show:
             complete_until_ns = time.monotonic_ns() - HELD_NS  # events that come during this turn are read in the next
             for one in self._events.take():
                 self._follow(one)
+            if self._behind is not None:
+                self._behind.pause_if(is_something_under_way=self._pending is not None)
             for name, ear in ears.items():
                 self._watch(name, ear, record)
             self._act()
@@ -205,6 +207,8 @@ class Show:
         if not isinstance(one, events.Bus):  # the demo has reported it
             self._telling.take(self._noted(one))
         self.saw_failure |= isinstance(one, events.ModuleRestarted | events.ModuleFailed)
+        if self._behind is not None:
+            self._behind.follow(one)
         match one:
             case events.PeJoined(pe=pe) if one.t_ns >= self._down_since_ns.get(pe, 0):  # else it is an old event
                 if pe in self._coming_back:  # else the manager has not noticed the kill yet

@@ -1,0 +1,23 @@
+"""Ends a process together with the process that started it, however that one ends.
+
+A helper whose standard input ends notices only while it runs. The kernel also kills a helper that computes, or that is
+stopped (SIGSTOP).
+"""
+
+import ctypes
+import os
+import signal
+import sys
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def die_with(parent: int) -> None:
+    """Have the kernel kill this process when the process `parent` ends; exit if `parent` has ended already.
+
+    To be used only if the thread of `parent` that started this process lives as long as `parent`: the kernel
+    already kills this process when that thread ends.
+    """
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        sys.exit(1)
