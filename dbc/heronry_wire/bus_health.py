@@ -35,6 +35,11 @@ class BusHealth:
         self._link_events: list[str] = []
         self._told_ns: dict[str, int] = {}
 
+    @property
+    def has_link_events(self) -> bool:
+        """Tell whether `take_link_events` has something to give."""
+        return bool(self._link_events)
+
     def take_link_events(self) -> list[str]:
         """Give the link status events since the last call, each as a sentence."""
         link_events, self._link_events = self._link_events, []

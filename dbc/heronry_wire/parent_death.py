@@ -7,7 +7,6 @@ stopped (SIGSTOP).
 import ctypes
 import os
 import signal
-import sys
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
@@ -20,4 +19,4 @@ def die_with(parent: int) -> None:
     """
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
-        sys.exit(1)
+        os._exit(1)  # not SystemExit, which a handler after a fork ignores

@@ -73,6 +73,9 @@ CANOPEN_HEARTBEAT_NS = 1_000_000_000
 FRESH_PERIODS = 3
 """Age of a datum, in periods of its source, after which a step treats the datum as absent."""
 
+GATHER_NS = 1_000_000
+"""For so long a node may let frames gather before it reads them, while nothing is urgent for it."""
+
 FAULT_QUIET_NS = 1_000_000_000
 """For this time after a fault was acknowledged, the PE does not report the same fault again."""
 

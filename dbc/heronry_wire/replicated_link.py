@@ -40,7 +40,8 @@ from heronry_wire.bus_opening import LinkError
 from heronry_wire.channel_merge import ChannelMerge, latest_copy_ns
 from heronry_wire.channel_watch import ChannelWatch
 from heronry_wire.frame import Frame
-from heronry_wire.link import Arrival, Link
+from heronry_wire.frame_port import Arrival
+from heronry_wire.link import Link
 
 _DEPARTURES_KEPT = 64
 
@@ -64,12 +65,28 @@ class ReplicatedLink:
         self._departed: deque[int] = deque(maxlen=_DEPARTURES_KEPT)
         self.on_departure: Callable[[Frame, int, int], None] | None = None  # for first copies, as in `Link`
         for channel, link in enumerate(self.links):
+            link.one_at_a_time = True  # a copy may be dropped when the other one has left
             link.on_departure = partial(self._left, channel)
 
     @property
     def is_open(self) -> bool:
         """Tell whether at least one channel is open."""
         return any(link.is_open for link in self.links)
+
+    @property
+    def is_calm(self) -> bool:
+        """Tell whether nothing is urgent, so that frames may take a moment."""
+        return self.links[0].is_calm
+
+    @is_calm.setter
+    def is_calm(self, is_calm: bool) -> None:
+        for link in self.links:
+            link.is_calm = is_calm
+
+    @property
+    def gathers(self) -> bool:
+        """Tell whether both channels gather frames for a moment, so that their reader need not."""
+        return all(link.gathers for link in self.links)
 
     @property
     def readers(self) -> Sequence[Link]:
@@ -101,6 +118,11 @@ class ReplicatedLink:
         """Whether at least one of the two channels has sent all frames that were queued on it."""
         return any(link.all_left for link in self.links)
 
+    @property
+    def has_link_events(self) -> bool:
+        """Tell whether `take_link_events` has something to give."""
+        return any(link.has_link_events for link in self.links)
+
     def take_link_events(self) -> list[str]:
         """Give the link status events of both channels since the last call, each as a sentence."""
         return [sentence for link in self.links for sentence in link.take_link_events()]
@@ -114,11 +136,15 @@ class ReplicatedLink:
 
         until_ns: a copy whose transmission cannot start by this time is dropped; None: copies do not expire.
         """
-        there = [link for link in self.links if link.put(frame, until_ns)]
-        if not there:
+        if self.put(frame, until_ns):
+            self.pump(now_ns)
+
+    def put(self, frame: Frame, until_ns: int | None) -> bool:
+        """Queue a copy of a frame on each channel for the next `pump`; False, without a copy, if both are lost."""
+        there = [link.put(frame, until_ns) for link in self.links]
+        if not any(there):
             self._departed.append(0)  # a caller that waits for the frame to leave the queue must not wait for ever
-        for link in there:
-            link.pump(now_ns)
+        return any(there)
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
         """Remove the queued frames with these identifiers on both channels.

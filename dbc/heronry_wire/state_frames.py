@@ -225,4 +225,7 @@ _HEADS = tuple(_head(byte) for byte in range(256))  # by the first byte; precomp
 _PAGES: tuple[Callable[[PeState, PeFlags, bytes], StatePage | Malformed], ...] = (_page_0, _page_1, _page_2, _page_3)
 _EPOCH_FROM, _EPOCH_TO = STATE_0.span("epoch")
 _SEQUENCE_FROM, _SEQUENCE_TO = STATE_0.span("sequence")
+NEWS_MASK = (1 << 8 * STATE_BYTES) - (1 << 8 * (STATE_BYTES - _SEQUENCE_FROM))
+"""Mask of a state frame's bytes before the sequence of page 0: what another PE has to hear of at once."""
+
 _DIGEST, _STAGED_DIGEST = STATE_0.span("digest"), STATE_1.span("staged_digest")

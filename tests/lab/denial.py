@@ -45,9 +45,9 @@ from heronry_tools.sim.faults.denial import DENIALS, Forgery
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_wire.bare_can import can
 from heronry_wire.frame import Frame
+from heronry_wire.frame_port import Arrival
 from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id
 from heronry_wire.key_file import make_key
-from heronry_wire.link import Arrival
 from heronry_wire.management import Control, Operation, decode_command
 from heronry_wire.python_can import message_of
 from heronry_wire.timing import exact_bits

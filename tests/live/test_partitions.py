@@ -83,8 +83,8 @@ class Hosted:
         end_ns = time.monotonic_ns() + int(PATIENCE_S * 1e9)
         while (now_ns := time.monotonic_ns()) < end_ns:
             self.host.flush(now_ns)
-            until_ns = min(end_ns, self.host.next_deadline_ns())
-            ready, _, _ = select.select(self.host.readers(), [], [], max(0, until_ns - now_ns) / 1e9)
+            watched, due_ns = self.host.watch(now_ns)
+            ready, _, _ = select.select(watched, [], [], max(0, min(end_ns, due_ns) - now_ns) / 1e9)
             events = self.host.take(ready, time.monotonic_ns())
             if events:
                 assert len(events) == 1
@@ -113,7 +113,7 @@ class Hosted:
         return self.step(CONTROL)
 
     def pids(self) -> dict[str, int]:
-        return {one.name: one.pid for one in self.host.readers() if isinstance(one, PartitionProcess)}
+        return {one.name: one.pid for one in self.host.watch(0)[0] if isinstance(one, PartitionProcess)}
 
 
 @pytest.fixture
@@ -307,8 +307,9 @@ def test_others_are_warmed_up_when_the_pe_is_at_work(hosted: Hosted) -> None:
     end_ns = time.monotonic_ns() + int(PATIENCE_S * 1e9)
     while hosted.pids().keys() != {"bad", "good"} and time.monotonic_ns() < end_ns:
         hosted.host.flush(time.monotonic_ns())
-        left_ns = max(0, hosted.host.next_deadline_ns() - time.monotonic_ns())
-        ready, _, _ = select.select(hosted.host.readers(), [], [], left_ns / 1e9)
+        now_ns = time.monotonic_ns()
+        watched, due_ns = hosted.host.watch(now_ns)
+        ready, _, _ = select.select(watched, [], [], max(0, due_ns - now_ns) / 1e9)
         assert hosted.host.take(ready, time.monotonic_ns()) == []
     assert hosted.pids().keys() == {"bad", "good"}
 

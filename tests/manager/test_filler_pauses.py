@@ -12,11 +12,11 @@ from heronry_dg.loader import load
 from heronry_dg.objective import placement
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
-from heronry_manager.core.planning_policy import PlanningPolicy
 from heronry_manager.core.vocabulary import PlanReady, RequestPlan, Settled
 from heronry_manager.planner.client import Planned, PlannerClient
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.planning_policy import PlanningPolicy
 from heronry_manager.shell.filler_pauses import PAUSE_PERIODS, FillerPauses
 from heronry_manager.shell.planner_processes import PlannerProcesses
 from heronry_wire.state_frames import PeState

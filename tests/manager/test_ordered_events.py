@@ -33,7 +33,7 @@ class _Quiet:
     def pump(self, *_: object) -> None:
         pass
 
-    tell = pump
+    tell = hold = pump
 
     def next_deadline_ns(self) -> int | None:
         return None
@@ -42,6 +42,7 @@ class _Quiet:
 class _QuietLink(_Quiet):
     def __init__(self) -> None:
         self.readers: list[Any] = []
+        self.has_more = False
 
 
 class _Core:
@@ -50,6 +51,7 @@ class _Core:
     heartbeat_ns = lease_ns = BEAT_NS
     alive_id = 0
     plan = None
+    is_pressed = False
 
     def __init__(self, *steps: list[ManagerAction], between_ns: int = MS) -> None:
         self._steps, self._between_ns = [*steps], between_ns

@@ -96,6 +96,7 @@ RULES = [
     Rule(r"ip link .*|for pe in .*|python3 -m venv .*|.*pip install .*|export PATH=.*", How.EXEMPT, "test_desk.py"),
     Rule(r"(heronry|pe-agent) .*-c vcan0.*", How.EXEMPT, "tests/live/test_desk.py runs the whole page"),
     Rule(r"python -m lab\.benches\.node.*", How.LIVE, more="--seconds 1 --busy 1", is_long=True),
+    Rule(r"python -m lab\.benches\.rest.*", How.LIVE, more="--seconds 1 --settle 0", is_long=True),
     Rule(
         r"python -m lab\.benches\.agent.*",
         How.LIVE,

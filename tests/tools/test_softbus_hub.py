@@ -16,13 +16,13 @@ from heronry_tools.runtime.softbus.address import HubError
 from heronry_tools.runtime.softbus.client import SoftBus
 from heronry_tools.runtime.softbus.hub import MAX_CLIENTS
 from heronry_tools.runtime.softbus.place import BusNameError, path_to_listen
-from heronry_tools.runtime.softbus.protocol import BusFrame, encode_command, encode_frame
+from heronry_tools.runtime.softbus.protocol import PROTOCOL_VERSION, BusFrame, encode_command, encode_frame
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.frame import Frame
 from heronry_wire.runtime_folder import RuntimeFolderError
 
 PATIENCE_S = 10.0
-HELLO = {"do": "hello", "protocol": 2, "own": False}
+HELLO = {"do": "hello", "protocol": PROTOCOL_VERSION, "own": False}
 
 
 @pytest.fixture
@@ -228,7 +228,7 @@ class RawClient:
         (b"rubbish", b"not a hello"),
         (b"{}", b"not a hello"),
         (encode_command({"do": "statistics"}), b"not a hello"),
-        (encode_command({**HELLO, "protocol": 1}), b"speaks protocol 2"),
+        (encode_command({**HELLO, "protocol": 1}), b"speaks protocol 3"),
     ],
 )
 def test_a_client_learns_what_is_wrong_with_its_hello(hub: HubProcess, hello: bytes, complaint: bytes) -> None:

@@ -12,11 +12,16 @@ from heronry_tools.runtime.softbus.protocol import (
     decode_filters,
     decode_frame,
     decode_statistics,
+    decode_thinned,
+    decode_withdrawal,
     encode_command,
     encode_frame,
+    encode_withdrawal,
     is_command,
 )
 from heronry_wire.frame import EXTENDED_MASK, STANDARD_MASK, Frame, Malformed
+from heronry_wire.frame_port import Haste
+from heronry_wire.thinning import Thinned
 
 times_ns = st.integers(-(2**63), 2**63 - 1)
 
@@ -27,7 +32,8 @@ def bus_frames(draw: st.DrawFn) -> BusFrame:
     can_id = draw(st.integers(0, EXTENDED_MASK if extended else STANDARD_MASK))
     dlc = draw(st.integers(0, 8))
     data = b"" if remote else draw(st.binary(min_size=dlc, max_size=dlc))
-    return BusFrame(Frame(can_id, data, extended, remote), dlc, draw(times_ns), draw(st.booleans()))
+    own, haste = draw(st.booleans()), draw(st.sampled_from(Haste))
+    return BusFrame(Frame(can_id, data, extended, remote), dlc, draw(times_ns), own, haste)
 
 
 @given(bus_frames())
@@ -75,3 +81,23 @@ def test_statistics_come_back_as_they_were() -> None:
     assert isinstance(answer, dict)
     assert decode_statistics(answer) == earlier
     assert earlier._replace(time_ns=2_000, busy_ns=350).load_since(earlier) == 0.25
+
+
+@given(st.frozensets(st.integers(0, STANDARD_MASK)))
+def test_a_withdrawal_comes_back_as_it_was_and_is_no_other_record(identifiers: frozenset[int]) -> None:
+    record = encode_withdrawal(identifiers)
+    assert decode_withdrawal(record) == identifiers
+    assert not is_command(record)
+
+
+@given(bus_frames())
+def test_a_frame_is_no_withdrawal(sent: BusFrame) -> None:
+    assert decode_withdrawal(encode_frame(sent)) is None
+    assert decode_withdrawal(b"W1") is None
+
+
+def test_a_group_to_thin_comes_back_or_a_reason() -> None:
+    content = {"identifiers": [257], "signs": [200], "mask": 7, "every_ns": 30}
+    assert decode_thinned(content) == Thinned(frozenset((257,)), frozenset((200,)), 7, 30)
+    for wrong in ({}, content | {"mask": "7"}, content | {"signs": ["200"]}):
+        assert isinstance(decode_thinned(wrong), Malformed)

@@ -25,7 +25,9 @@ CODECS = frozenset(
 )
 OTHER_BYTES = {
     "heronry_wire/can_interface.py": "what the kernel tells of an interface (netlink)",
+    "heronry_wire/frame_port.py": "what the kernel hands over at a CAN socket",
     "heronry_wire/python_can.py": "what the kernel tells of a socket",
+    "heronry_wire/thinning.py": "any content, of which the receiver's mask says what is new",
     "heronry_agent/core/nonces.py": "a digest, of which a nonce is made",
     "heronry_agent/core/object_dictionary.py": "the value of an object, which SDO carries",
     "heronry_agent/core/sdo_server.py": "what a transfer carries",

@@ -19,7 +19,8 @@ from heronry_wire.bus_opening import LinkError, Opened
 from heronry_wire.can_interface import CanInterface
 from heronry_wire.controller import ControllerState
 from heronry_wire.frame import Frame
-from heronry_wire.link import ECHO_TIMEOUT_NS, REOPEN_NS, RETRY_NS, Arrival, Link
+from heronry_wire.frame_port import Arrival
+from heronry_wire.link import ECHO_TIMEOUT_NS, REOPEN_NS, RETRY_NS, Link
 from heronry_wire.slow_opening import SlowOpening
 
 PATIENCE_S = 10.0
@@ -73,15 +74,22 @@ def test_a_clock_of_the_day_that_is_set_in_flight_ages_no_frame(
         assert before_ns <= arrival.time_ns <= time.monotonic_ns()
 
 
-def test_what_waits_goes_out_by_priority(hub: Path) -> None:
+@pytest.mark.parametrize(
+    ("one_at_a_time", "order"), [(True, [700, 400, 500, 600]), (False, [400, 500, 600, 700])], ids=["one", "several"]
+)
+def test_what_waits_goes_out_by_priority(hub: Path, one_at_a_time: bool, order: list[int]) -> None:
     with closing(link_to(hub)) as sender, closing(link_to(hub)) as receiver:
         now_ns = time.monotonic_ns()
+        sender.one_at_a_time = one_at_a_time
         for can_id in (700, 500, 600, 400):
-            sender.send(Frame(can_id, b""), now_ns)
+            sender.put(Frame(can_id, b""), None)
+            if one_at_a_time:
+                sender.pump(now_ns)
+        sender.pump(now_ns)
         arrivals: list[Arrival] = []
         while len(arrivals) < 4:
             arrivals += turn(sender, receiver)
-        assert [arrival.frame.can_id for arrival in arrivals] == [700, 400, 500, 600]
+        assert [arrival.frame.can_id for arrival in arrivals] == order
 
 
 def test_how_long_a_frame_was_in_the_controller_is_known_from_its_echo(hub: Path) -> None:

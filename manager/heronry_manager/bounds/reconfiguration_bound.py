@@ -24,7 +24,9 @@ The bound holds on these conditions:
 - No other fault occurs during the reconfiguration, apart from PEs that fall silent together.
 - Only one module reports a fault.
 - No frame is lost or destroyed.
-- The nodes need no time to compute.
+- The nodes need no time to compute. But a node lets frames gather for GATHER_NS before it reads them, unless something
+  is urgent for it: the bound adds this time for the message that the manager detects by, and for each command. Answers
+  to a command are urgent for the manager. A PE with several buses, which forwards frames, lets none gather.
 
 The manager waits for a PE beyond a radio only if this PE must stop something first. In this case the bound treats the
 radio as a cable. If a time has no bound it is None, and `note` says why.
@@ -42,7 +44,7 @@ from heronry_manager.bounds.management_times import PACED_BITS, QUIET, Burst, Fr
 from heronry_manager.core.tables import CompiledConfiguration, Compiler
 from heronry_manager.core.topology import reached_by_wire, uplink_bus
 from heronry_wire.management import SLICE_BYTES_PER_FRAME, Step
-from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, silent_ns, t_lease_ns
+from heronry_wire.protocol_times import GATHER_NS, HOLD_DOWN_PERIODS, silent_ns, t_lease_ns
 
 _NS_PER_S = 1_000_000_000
 
@@ -162,7 +164,7 @@ class Bounds:
             return replace(found, detect_ns=told_ns, heard_on=uplink_bus(self._spec, last))
         if case.fault is FaultClass.BUS_LOST:
             return replace(found, note="no PE falls silent: the fault is not noticed", is_hopeless=True)
-        told_ns = max(sum(times[bus].emergency_ns for bus in path) for path in self._paths.values())
+        told_ns = GATHER_NS + max(sum(times[bus].emergency_ns for bus in path) for path in self._paths.values())
         return replace(found, detect_ns=told_ns, note="counted from the report on")
 
     def _moved(self, found: Bound, reached: Sequence[str]) -> Bound:
@@ -276,12 +278,13 @@ class Bounds:
         return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)
 
     def _up(self, pe: str, times: _Times) -> int:
-        return sum(times[bus].answer_ns for bus in self._paths[pe])
+        """Give the longest time from a state of a PE until the manager reads it, in nanoseconds."""
+        return GATHER_NS + sum(times[bus].answer_ns for bus in self._paths[pe])
 
     def _round_trip(self, pes: Iterable[str], times: _Times) -> int:
         """Give the longest time from a command until the last of these PEs has answered, in nanoseconds."""
-        paths = [self._paths[pe] for pe in pes]
-        return max((sum(times[bus].command_ns + times[bus].answer_ns for bus in path) for path in paths), default=0)
+        ways_ns = [sum(times[bus].command_ns + times[bus].answer_ns for bus in self._paths[pe]) for pe in pes]
+        return GATHER_NS + max(ways_ns) if ways_ns else 0
 
     def _repeated(self, pes: Iterable[str], times: _Times) -> str | None:
         """Say that one of these PEs may answer a command so late that the manager repeats the command.

@@ -21,7 +21,7 @@ import select
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -52,6 +52,7 @@ from heronry_manager.shell.script_orders import ScriptSaid
 from heronry_wire.frame import Frame
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
+from heronry_wire.protocol_times import GATHER_NS
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.service_manager import ServiceManager
@@ -134,10 +135,12 @@ class ManagerDriver:
         while not self._stopping and self._stop_reason is None:
             readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
             readers += [*self._planners.readers(), *self._control.readers()]
-            self._meter.waits(self._core_due_ns(), time.monotonic_ns())
-            ready, _, _ = select.select(readers, self._control.followers.writers(), [], self._wait_s())
+            core_due_ns = self._core_due_ns()
+            self._meter.waits(core_due_ns, time.monotonic_ns())
+            ready, _, _ = select.select(readers, self._control.followers.writers(), [], self._wait_s(core_due_ns))
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
                 break
+            self._let_frames_gather(ready)
             self._measure_lateness(time.monotonic_ns())
             self._take_frames()
             for answer in self._planners.poll():
@@ -155,6 +158,13 @@ class ManagerDriver:
             self._control.followers.pump(self._status)
             if self._telling is not None:  # while the bus is lost the clock stands still, and nothing is read from a PE
                 self._telling.tell_until(self._now_ns() - HELD_NS if self._frozen_ns is None else None)
+
+    def _let_frames_gather(self, ready: Sequence[object]) -> None:
+        """Sleep on for a moment, if a frame has woken this loop, nothing is urgent, and the bus does not gather."""
+        if len(ready) == 1 and ready[0] in self._link.readers and not self._link.gathers and not self._pauses.holds:
+            due_ns, now_ns = self._core_due_ns(), time.monotonic_ns()
+            left_ns = GATHER_NS if due_ns is None else min(GATHER_NS, due_ns - now_ns)
+            time.sleep(max(0, left_ns) / 1e9)
 
     def _let_fillers_pause(self) -> None:
         """Stop the searches for which nobody waits while something is urgent or late; let them go on afterwards."""
@@ -199,10 +209,10 @@ class ManagerDriver:
             self._journal_problem = self._journal.problem
             self._step(JournalTold(self._journal_problem))
 
-    def _wait_s(self) -> float | None:
+    def _wait_s(self, core_due_ns: int | None) -> float | None:
         if self._control.has_orders:
             return 0
-        deadlines = [self._link.next_deadline_ns(), self._planners.next_deadline_ns(), self._core_due_ns()]
+        deadlines = [self._link.next_deadline_ns(), self._planners.next_deadline_ns(), core_due_ns]
         deadlines.append(self._pauses.next_deadline_ns())
         deadlines.append(None if self._telling is None else self._on_this_clock(self._telling.due_ns()))
         waits_ns = [deadline_ns - time.monotonic_ns() for deadline_ns in deadlines if deadline_ns is not None]
@@ -260,7 +270,7 @@ class ManagerDriver:
                 self._step(Received(0, frame))
             while self._said:
                 self._step(AliveLeft(self._said.popleft()))
-            if not arrivals:
+            if not self._link.has_more:
                 return
 
     def _departed(self, frame: Frame, _now_ns: int, _took_ns: int) -> None:
@@ -274,11 +284,11 @@ class ManagerDriver:
     def _carry_out(self, actions: list[ManagerAction]) -> None:
         """Carry out the actions in order; then give the core the planner's answers that came immediately."""
         answers: list[ManagerEvent] = []
+        has_frames = False
         for action in actions:
             match action:
                 case Send(frame=frame):
-                    now_ns = time.monotonic_ns()
-                    self._link.send(frame, now_ns, now_ns + self._core.lease_ns)
+                    has_frames = self._link.put(frame, time.monotonic_ns() + self._core.lease_ns)
                 case RequestPlan() | Settled():
                     answers += self._planners.take(action)
                 case Emit(told):
@@ -294,6 +304,9 @@ class ManagerDriver:
                     self._answer(action)
                 case Stop(reason):
                     self._stop_reason = reason
+        if has_frames:
+            self._link.is_calm = not self._core.is_pressed
+            self._link.pump(time.monotonic_ns())
         for known in answers:
             self._step(known)
 

@@ -23,6 +23,12 @@ comes back after more than T_lease, other PEs may have taken over the modules of
 modules, listens for another node with this node-ID, and then starts unconfigured, as a new incarnation. While another
 node has this node-ID (`own_node_id`), the PE stays silent and goes on listening.
 
+*Haste.* While nothing is urgent, the loop does not hurry: frames may take a moment on a software bus (`link`), which
+gathers them; on other buses the loop itself sleeps on for GATHER_NS when a frame has woken it, and reads what has come
+by then. So several frames cost one turn. A PE with several buses, which may be a gateway, never sleeps on. A manager's
+PING, PREPARE, SLICE or ACTIVATE, and a fault that this PE reports, are urgent, and so is the time after them. Of its
+neighbours' states the PE receives what is new, and enough to know that it hears anybody (`thinning`).
+
 In one turn a limited number of frames is read, more than the buffer of a socket holds: a flood of frames delays the
 state frames, but does not stop them.
 
@@ -39,12 +45,15 @@ from typing import Any
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.vocabulary import Action, ChannelsLost, Event, Left, ModuleEvent, Note
+from heronry_agent.shell.haste import Haste, needed_states
 from heronry_agent.shell.own_node_id import NodeId, OwnNodeId
 from heronry_agent.shell.partition_host import PartitionHost
 from heronry_wire.authentication import Key
+from heronry_wire.frame_port import Arrival
 from heronry_wire.identifiers import state_id
-from heronry_wire.link import Arrival
+from heronry_wire.link import Link
 from heronry_wire.pe_table import PeTable
+from heronry_wire.protocol_times import GATHER_NS
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
 from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 from heronry_wire.service_manager import ServiceManager
@@ -89,6 +98,7 @@ class AgentDriver:
         self._off_since_ns: int | None = None  # begin of the present outage of the uplink
         self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as last handed to the core
         self._accepted: Collection[int] = ()  # identifiers that the links now receive
+        self._haste, self._may_gather = Haste(table), len(links) == 1
         self._until_eof = False
         self._meter: LatenessMeter
         self._stopping = False
@@ -103,27 +113,73 @@ class AgentDriver:
         period_ns = self._table.ports[self._table.uplink].heartbeat_ns
         self._meter = LatenessMeter(period_ns, time.monotonic_ns(), time.thread_time_ns())
         always: list[Any] = [sys.stdin] if until_eof else []
+        self._prepare_links()
         while not self._stopping:
-            readers: list[Any] = [*always, *self._host.readers()]
-            readers += [reader for link in self._links for reader in link.readers]
-            self._meter.waits(self.core.next_deadline_ns(), time.monotonic_ns())
-            ready, _, _ = select.select(readers, [], [], self._wait_s())
-            self._measure_lateness(time.monotonic_ns())
-            if sys.stdin in ready and is_abandoned():
-                break
-            self._take_frames(ready)
-            for event in self._host.take(ready, time.monotonic_ns()):
-                self._step(time.monotonic_ns(), event)
-            now_ns = time.monotonic_ns()
-            if now_ns >= self.core.next_deadline_ns():
-                self._step(now_ns, Tick())
-            self._host.flush(now_ns)
+            watched, host_due_ns = self._host.watch(time.monotonic_ns())
+            readers: list[Any] = [*always, *watched]
             for link in self._links:
-                link.pump(now_ns)
-            self._take_departures()
-            self._look_at_links(now_ns)
-            if self.core.identifiers is not self._accepted:
-                self._accept(self.core.identifiers)
+                readers += link.readers
+            core_due_ns = self.core.next_deadline_ns()
+            due_ns = min(core_due_ns, host_due_ns)
+            for link in self._links:
+                link_ns = link.next_deadline_ns()
+                due_ns = due_ns if link_ns is None else min(due_ns, link_ns)
+            now_ns = time.monotonic_ns()
+            self._meter.waits(core_due_ns, now_ns)
+            ready, _, _ = select.select(readers, [], [], max(0, due_ns - now_ns) / _NS_PER_S)
+            self._let_frames_gather(ready, due_ns)
+            self._measure_lateness(time.monotonic_ns())
+            if always and sys.stdin in ready and is_abandoned():
+                break
+            self._turn(ready)
+
+    def _turn(self, ready: Sequence[object]) -> None:
+        """Take all that has come, and do all that is due."""
+        self._take_frames(ready)
+        for event in self._host.take(ready, time.monotonic_ns()):
+            self._step(time.monotonic_ns(), event)
+        now_ns = time.monotonic_ns()
+        if now_ns >= self.core.next_deadline_ns():
+            self._step(now_ns, Tick())
+        self._host.flush(now_ns)
+        self._take_departures()
+        self._pump(now_ns)
+        self._look_at_links(now_ns)
+        if self.core.identifiers is not self._accepted:
+            self._accept(self.core.identifiers)
+
+    def _prepare_links(self) -> None:
+        """Leave out the neighbours' states that this PE does not need, and let a radio have one frame at a time.
+
+        A radio's frames are measured, each of them; on a replicated bus each channel needs its own signs of life.
+        """
+        for port in self.core.radio_ports:
+            link = self._links[port]
+            if isinstance(link, Link):
+                link.one_at_a_time = True
+        uplink = self._links[self._table.uplink]
+        if isinstance(uplink, Link) and self._table.uplink not in self.core.radio_ports:
+            uplink.thin(needed_states(self._table))
+
+    def _let_frames_gather(self, ready: Sequence[object], due_ns: int) -> None:
+        """Sleep on for a moment, if a frame has woken this loop, nothing is urgent, and the bus itself does not gather.
+
+        The frames that come meanwhile are read in the same turn.
+
+        due_ns: the next deadline, before which the sleep ends.
+        """
+        if not self._may_gather or len(ready) != 1 or self._links[0].gathers or ready[0] is not self._links[0]:
+            return
+        now_ns = time.monotonic_ns()
+        if self._haste.is_calm(now_ns):
+            time.sleep(max(0, min(GATHER_NS, due_ns - now_ns)) / _NS_PER_S)
+
+    def _pump(self, now_ns: int) -> None:
+        """Let each bus send what is queued for it."""
+        is_calm = self._haste.is_calm(now_ns)
+        for link in self._links:
+            link.is_calm = is_calm
+            link.pump(now_ns)
 
     def _measure_lateness(self, now_ns: int) -> None:
         stood_still = self._meter.woke(now_ns, time.thread_time_ns())
@@ -136,9 +192,10 @@ class AgentDriver:
         If the uplink is back after it was lost for more than T_lease, begin as a new incarnation.
         """
         for port, link in enumerate(self._links):
-            for sentence in link.take_link_events():
-                self._tell(Note("bus", sentence))
-                self._service.status(sentence)
+            if link.has_link_events:
+                for sentence in link.take_link_events():
+                    self._tell(Note("bus", sentence))
+                    self._service.status(sentence)
             if isinstance(link, ReplicatedLink):
                 self._compare_channels(port, link.lost_channels(now_ns))
         before_ns, self._off_since_ns = self._off_since_ns, self._links[self._table.uplink].off_since_ns
@@ -171,13 +228,12 @@ class AgentDriver:
             if port not in self.core.radio_ports:
                 link.accept(identifiers)
 
-    def _wait_s(self) -> float:
-        deadlines = [self.core.next_deadline_ns(), self._host.next_deadline_ns()]
-        deadlines += [at_ns for link in self._links if (at_ns := link.next_deadline_ns()) is not None]
-        return max(0, min(deadlines) - time.monotonic_ns()) / _NS_PER_S
-
     def _take_frames(self, ready: Collection[object]) -> None:
+        if not ready:
+            return
         links = [(port, link) for port, link in enumerate(self._links) if any(one in ready for one in link.readers)]
+        if not links:
+            return
         for _ in range(_BURSTS):
             for arrival, port in self._arrivals(links):
                 now_ns = time.monotonic_ns()
@@ -185,6 +241,7 @@ class AgentDriver:
             links = [(port, link) for port, link in links if link.has_more]
             if not links:
                 return
+            self._pump(time.monotonic_ns())
 
     def _take_departures(self) -> None:
         """Tell the core that frames to a radio have left the CAN controller, and how long each was in it."""
@@ -197,7 +254,10 @@ class AgentDriver:
         """Return the frames that have arrived, each with its port, in the order of their arrival."""
         found = []
         for port, link in links:
-            found += [(arrival, port) for arrival in link.receive(time.monotonic_ns())]
+            now_ns = time.monotonic_ns()
+            arrivals = link.receive(now_ns)
+            self._haste.heard(arrivals, now_ns)
+            found += [(arrival, port) for arrival in arrivals]
         if len(links) > 1:
             found.sort(key=lambda one: one[0].time_ns)
         return found
@@ -208,7 +268,10 @@ class AgentDriver:
         An action that is answered at once is an event of its own: what follows from the answer is done before what is
         left of the actions before it.
         """
-        waiting = deque((action, now_ns) for action in self.core.step(now_ns, event))
+        actions = self.core.step(now_ns, event)
+        if not actions:  # as after most frames
+            return
+        waiting = deque((action, now_ns) for action in actions)
         while waiting:
             action, decided_ns = waiting.popleft()
             answer = self._carry_out(action, decided_ns)
@@ -221,8 +284,8 @@ class AgentDriver:
         """Execute an action that the core decided at `decided_ns`; returns the answer if it comes at once."""
         match action:
             case Send(port, frame, until_ns):
-                latest_ns = decided_ns + self.core.lease_ns if until_ns is None else until_ns
-                self._links[port].send(frame, time.monotonic_ns(), latest_ns)
+                self._links[port].put(frame, decided_ns + self.core.lease_ns if until_ns is None else until_ns)
+                self._haste.sends(frame.can_id, decided_ns)
                 if frame.can_id == self._own_state:
                     self._service.lives(decided_ns)
             case Withdraw(identifiers):

@@ -93,22 +93,25 @@ class PartitionHost:
         self._cold = sorted({module.partition for module in table.modules}, reverse=True)
         self._warm_ns = NEVER_NS
 
-    def readers(self) -> list[PartitionProcess | PartitionLog]:
-        """Return the partitions, and the pipes to which they print, for which `select` is to wait now."""
-        now_ns = time.monotonic_ns()
-        logs = [log for log in self._logs() if now_ns >= log.look_ns]
-        return [*(process for process in self._processes.values() if not process.gathers), *logs]
+    def watch(self, now_ns: int) -> tuple[list[PartitionProcess | PartitionLog], int]:
+        """Give what `select` is to wait for: the partitions and the pipes to which they print.
 
-    def _logs(self) -> Iterator[PartitionLog]:
-        return (process.log for process in self._processes.values() if process.log.is_open)
-
-    def next_deadline_ns(self) -> int:
-        """Time in ns at which to call `take`, if `select` reports no partition before."""
-        looks = (process.look_ns for process in self._processes.values() if process.gathers)
-        now_ns = time.monotonic_ns()
-        log_ns = min((log.look_ns for log in self._logs() if log.look_ns > now_ns), default=NEVER_NS)
-        look_ns, loaded_ns = min(looks, default=NEVER_NS), min(self._load_by_ns.values(), default=self._warm_ns)
-        return min(look_ns, log_ns, loaded_ns, now_ns + _REAP_NS if self._ending else NEVER_NS)
+        Also gives the time in ns at which to call `take`, if `select` reports nothing before.
+        """
+        watched: list[PartitionProcess | PartitionLog] = []
+        due_ns = min(self._load_by_ns.values()) if self._load_by_ns else self._warm_ns
+        for process in self._processes.values():
+            if not process.gathers:
+                watched.append(process)
+            elif process.look_ns < due_ns:
+                due_ns = process.look_ns
+            log = process.log
+            if log.is_open:
+                if now_ns >= log.look_ns:
+                    watched.append(log)
+                elif log.look_ns < due_ns:
+                    due_ns = log.look_ns
+        return watched, min(due_ns, now_ns + _REAP_NS) if self._ending else due_ns
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
         """Execute an action of the core on a module or a device.
@@ -139,7 +142,8 @@ class PartitionHost:
     def flush(self, now_ns: int) -> None:
         """Send the orders that `carry_out` has collected; call this at the end of each turn of the loop."""
         for process in self._processes.values():
-            process.flush(now_ns)
+            if process.has_orders:
+                process.flush(now_ns)
 
     def take(self, ready: Collection[object], now_ns: int) -> list[ModuleEvent]:
         """Read the answers of the `ready` partitions, and check time limits; returns the events for the core.
@@ -147,14 +151,13 @@ class PartitionHost:
         ready: what `select` has reported as readable.
         """
         events: list[ModuleEvent] = []
-        for log in self._logs():
-            if log in ready:
-                log.read(now_ns)
-        for process in list(self._processes.values()):
-            if process in ready or (process.gathers and now_ns >= process.look_ns):
+        for process in [*self._processes.values()]:
+            if ready and process.log.is_open and process.log in ready:
+                process.log.read(now_ns)
+            if (now_ns >= process.look_ns) if process.gathers else (process in ready):
                 process.gathers = False
                 events += self._read(process, now_ns)
-            if process.broken is None and now_ns >= self._load_by_ns.get(process.name, NEVER_NS):
+            if process.broken is None and process.loading and now_ns >= self._load_by_ns.get(process.name, NEVER_NS):
                 self._look_at_loading(process, now_ns)
             if process.broken is not None:
                 self._end(process.name, tell=True)

@@ -109,6 +109,11 @@ class PartitionProcess:
         """Module whose step is being computed; None if the partition has answered all steps."""
         return self._pending[0].module if self._pending else None
 
+    @property
+    def has_orders(self) -> bool:
+        """Tell whether orders are queued."""
+        return bool(self._orders)
+
     def send(self, order: Order) -> None:
         """Queue an order for the next `flush`."""
         self._orders.append(order)

@@ -24,6 +24,7 @@ from heronry_manager.events import Reconfigured
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
 from heronry_tools.runtime.softbus.client import SoftBus
+from heronry_wire.identifiers import NMT_ID
 from lab.benches.fleets import Aircraft, aircraft
 from lab.benches.harness import Benchmark, Report, option, seconds_option, spec_option
 from lab.benches.processes import children, cpu_s
@@ -67,7 +68,7 @@ def measure(arguments: Namespace, report: Report) -> None:
         _gathered(events, arguments.settle)
         buses = [stack.enter_context(SoftBus(choice.channel)) for choice in flown.buses.values()]
         for bus in buses:
-            bus.set_filters([])
+            bus.set_filters([{"can_id": NMT_ID, "can_mask": 0x7FF, "extended": False}])  # which nobody sends
         pids = processes_by_kind(flown.fleet)
         before, frames = _sample(pids), _frames(buses, flown)
         begun_s = time.monotonic()

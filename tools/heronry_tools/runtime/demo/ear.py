@@ -15,7 +15,7 @@ from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_wire.arrival_times import ArrivalTimes
 from heronry_wire.bare_can import can
 from heronry_wire.bus_opening import open_bus
-from heronry_wire.link import Arrival
+from heronry_wire.frame_port import Arrival
 from heronry_wire.python_can import frame_of
 from heronry_wire.replicated_link import ReplicatedLink
 

@@ -24,6 +24,7 @@ import socket
 import struct
 from contextlib import ExitStack, suppress
 
+from heronry_tools.runtime.softbus.batches import Batches
 from heronry_tools.runtime.softbus.link import Link, deadline_after, read_record
 from heronry_tools.runtime.softbus.place import DEFAULT_NAME, BusNameError, how_to_start, path_to_call
 from heronry_tools.runtime.softbus.protocol import (
@@ -66,6 +67,7 @@ class SoftBus(can.BusABC):
             reason = f"{channel}: a software bus carries classical CAN, not CAN FD; leave fd out"
             raise can.CanInitializationError(reason)
         self._path = os.fspath(channel)
+        self._batches: Batches | None = None
         self.channel_info = f"softbus {self._path}"
         self._link, self._receive, self._day_offset_ns = _connect(self._path, bitrate, wants_own=receive_own_messages)
         try:
@@ -105,6 +107,11 @@ class SoftBus(can.BusABC):
         """
         self._link.ask({"do": "disturb", "slowdown": slowdown, "loss": loss_per_mille})
 
+    def frame_port(self) -> Batches:
+        """Give the port by which a node reads and sends from now on; then `recv` and `send` must not be called."""
+        self._batches = Batches(self._link, self._receive, self._path)
+        return self._batches
+
     def fileno(self) -> int:
         """Return the descriptor that is readable when `recv` can return a frame or raise."""
         return self._receive.fileno()
@@ -115,7 +122,10 @@ class SoftBus(can.BusABC):
             return
         super().shutdown()
         with suppress(can.CanOperationError):
-            self._link.linger(_LINGER_S)
+            if self._batches is None:
+                self._link.linger(_LINGER_S)
+            else:
+                self._batches.linger(_LINGER_S)
         self._close()
 
     def _close(self) -> None:

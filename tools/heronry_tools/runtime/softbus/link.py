@@ -84,6 +84,10 @@ class Link:
                     raise can.CanOperationError(f"{self._path}: the bus does not answer; stop it, and start it again")
             return self._answer
 
+    def put(self, record: bytes) -> None:
+        """Send a record to which the hub gives no answer here."""
+        self._send(record)
+
     def close(self) -> None:
         """Close the socket."""
         self._command.close()

@@ -2,7 +2,8 @@
 
 The port decides which frames its client gets. It ensures that a client which does not read delays no other client: the
 kernel buffers a few hundred frames for the client, and the port some thousands more. If both buffers are full, new
-frames are dropped and counted, as in an overrun of a controller.
+frames are dropped and counted, as in an overrun of a controller. The echo of a client with batches is never dropped,
+since it tells the client that a mailbox is empty.
 
 A port has four states, in this order:
 
@@ -15,16 +16,21 @@ A port has four states, in this order:
 import socket
 import struct
 from collections import deque
+from itertools import islice
 
 from heronry_tools.runtime.softbus.protocol import (
+    BATCH_RECORDS,
     DONE,
+    MAILBOXES,
     MAX_COMMAND_BYTES,
     AcceptanceFilter,
-    BusFrame,
     ClientStatistics,
+    Fate,
     encode_command,
-    encode_frame,
+    encode_received,
 )
+from heronry_wire.frame import Frame
+from heronry_wire.thinning import Thinned, Thinning
 
 RECEIVE_QUEUE_FRAMES = 4096
 """Half a second at 1 Mbit/s and full load: longer than a busy machine delays a client that reads."""
@@ -41,9 +47,11 @@ class Port:
         self.number = number
         self.command = command
         self.receive: socket.socket | None = None
-        self.mailbox_full = False
+        self.offered = 0  # frames in its mailboxes
         self.gone = False
+        self.batched = False
         self.queue: deque[bytes] = deque()
+        self._thinning: Thinning | None = None
         self._wants_own = False
         self._filters: tuple[AcceptanceFilter, ...] | None = ()
         self._verdicts: dict[tuple[int, bool], bool] = {}
@@ -122,40 +130,74 @@ class Port:
             self._verdicts[can_id, extended] = verdict
         return verdict
 
-    def confirm(self, sent: BusFrame) -> None:
+    def thin(self, group: Thinned) -> None:
+        """From now on deliver only what `group` needs of its identifiers."""
+        self._thinning = Thinning(group)
+
+    def thins(self, can_id: int) -> bool:
+        """Tell whether `drops` must be asked about frames with this 11-bit identifier."""
+        return self._thinning is not None and self._thinning.concerns(can_id)
+
+    def drops(self, frame: Frame, end_ns: int) -> bool:
+        """Tell whether the client does not need this 11-bit frame, because its group is thinned."""
+        return self._thinning is not None and self._thinning.drops(frame.can_id, frame.data, end_ns)
+
+    def confirm(self, frame: Frame, dlc: int, end_ns: int) -> None:
         """Tell the client that the frame it sent has left the bus.
 
-        The frame is also echoed to the client, if the client wants echoes and its filters accept the frame.
+        The frame is also echoed to the client, if the client wants echoes and its filters accept the frame. With
+        batches the echo itself tells it.
         """
-        self.mailbox_full = False
+        self.offered -= 1
         self._sent += 1
+        if self.batched:
+            self.queue.append(encode_received(frame, dlc, end_ns, Fate.SENT))
+            return
         self.answer(DONE)
-        if self._wants_own and self.accepts(sent.frame.can_id, extended=sent.frame.extended):
-            self.deliver(encode_frame(sent._replace(own=True)))
+        if self._wants_own and self.accepts(frame.can_id, extended=frame.extended):
+            self.deliver(encode_received(frame, dlc, end_ns, Fate.SENT))
+
+    def withdrawn(self, frame: Frame, dlc: int, now_ns: int) -> None:
+        """Tell the client that a frame that it has offered is taken back."""
+        self.offered -= 1
+        self.queue.append(encode_received(frame, dlc, now_ns, Fate.WITHDRAWN))
+
+    @property
+    def has_room(self) -> bool:
+        """Tell whether the client may offer a frame."""
+        return self.offered < (MAILBOXES if self.batched else 1)
 
     def deliver(self, record: bytes) -> None:
-        """Pass a received frame to the client: now, or when the client reads again; drop it if the queue is full."""
+        """Queue a received frame for the next `flush`; drop it if the queue is full."""
         if len(self.queue) >= RECEIVE_QUEUE_FRAMES:
             self._overruns += 1
-        elif self.queue or not self._hand_over(record):
+        else:
             self.queue.append(record)
 
     def flush(self) -> None:
         """Pass on what waits in the queue, as far as the client's socket takes it."""
-        while self.queue and self._hand_over(self.queue[0]):
-            self.queue.popleft()
+        queue = self.queue
+        while queue:
+            count = min(len(queue), BATCH_RECORDS) if self.batched else 1
+            if not self._hand_over(queue[0] if count == 1 else b"".join(islice(queue, count)), count):
+                return
+            if count == len(queue):
+                queue.clear()
+            else:
+                for _ in range(count):
+                    queue.popleft()
 
-    def _hand_over(self, record: bytes) -> bool:
+    def _hand_over(self, packet: bytes, count: int) -> bool:
         if self.receive is None:
             return True
         try:
-            self.receive.send(record)
+            self.receive.send(packet)
         except BlockingIOError:
             return False
         except OSError:
             self.gone = True
             return True
-        self._received += 1
+        self._received += count
         return True
 
     def statistics(self) -> ClientStatistics:
