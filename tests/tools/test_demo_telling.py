@@ -27,6 +27,7 @@ from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.reports.story import Story
 from heronry_tools.runtime.demo import play
+from heronry_tools.runtime.demo.cut_off import gateways_lost
 from heronry_tools.runtime.demo.fleet import Fleet
 from heronry_tools.runtime.demo.held_outages import TELL_AGAIN_NS, HeldOutages
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
@@ -341,6 +342,45 @@ def test_the_demo_flies_with_a_heartbeat_that_this_computer_can_keep(
     assert main(["demo", "elevator_and_chute", "--contingencies", "none"]) == 2
     assert _Fleet.heartbeat_ns == period_ms * MS
     assert _Fleet.spec.buses[ELEVATOR.manager.bus].heartbeat_ns == flown_ms * MS
+
+
+@pytest.mark.parametrize(
+    ("flags", "period_ms", "beside"), [(["--heartbeat", "50"], 50, None), (["--web"], 160, 2), ([], 160, 0)]
+)
+def test_a_heartbeat_is_given_or_rehearsed_with_the_load_of_the_page(
+    flags: list[str], period_ms: int, beside: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rehearsed: list[int] = []
+    monkeypatch.setattr(play, "latest_wake_up_ns", lambda *given: rehearsed.append(given[3]) or 61 * MS)
+    monkeypatch.setattr(play, "Fleet", _Fleet)
+    assert main(["demo", "elevator_and_chute", "--contingencies", "none", *flags]) == 2
+    assert _Fleet.heartbeat_ns == period_ms * MS
+    assert rehearsed == ([] if beside is None else [beside])
+
+
+def test_a_heartbeat_that_no_demo_can_have_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "elevator_and_chute", "--contingencies", "none", "--heartbeat", "5"]) == 2
+    assert "the spec has 20 ms, which a demo can only lengthen" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["demo", "elevator_and_chute", "--heartbeat", "0"])
+    assert "0 is not a heartbeat period" in capsys.readouterr().err
+
+
+def test_a_pe_is_lost_because_its_only_gateway_was_killed() -> None:
+    spec = load(Path("dg_specs/big_blue.dg.yaml"))
+    (gateway,) = (one.name for one in spec.pes.values() if {spec.manager.bus, "radio"} <= set(one.buses))
+    (beyond,) = (one.name for one in spec.pes.values() if spec.manager.bus not in one.buses)
+    other = next(one.name for one in spec.pes.values() if one.name not in (gateway, beyond))
+    assert gateways_lost(spec, beyond, [other, gateway]) == [gateway]
+    assert gateways_lost(spec, beyond, [other]) == []
+    assert gateways_lost(spec, other, [gateway]) == []
+    told: list[Any] = []
+    show = Show(spec, cast("Fleet", None), {}, told.append)
+    show._down_since_ns = {gateway: 1}
+    lost = PeLost(5, pe=beyond, cause="silent for 4 heartbeat periods", last_heard_ns=1)
+    noted = cast("PeLost", show._noted(lost))
+    assert noted.waited is None
+    assert noted.cause.endswith(f"; its only way to the manager led over pe:{gateway}, now killed")
 
 
 class _Hung:

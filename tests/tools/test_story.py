@@ -426,9 +426,24 @@ def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(first: Ev
         (
             Heartbeat(0, late_ns=61 * MS, period_ns=160 * MS, of_spec_ns=20 * MS),
             (
-                "processes run up to 61 ms late on this computer now: the demo flies with a heartbeat of 160 ms, "
-                "and not 20 ms as in the spec"
+                "processes run up to 61 ms late on this computer now, and a heartbeat should be twice that: the demo "
+                "flies with a heartbeat of 160 ms, and not 20 ms as in the spec"
             ),
+        ),
+        (
+            Heartbeat(0, late_ns=9 * MS, period_ns=20 * MS, of_spec_ns=20 * MS, why="rehearsal with a page"),
+            (
+                "processes run up to 9 ms late on this computer now beside a page and its browser: it can keep the "
+                "heartbeat of 20 ms"
+            ),
+        ),
+        (
+            Heartbeat(0, late_ns=0, period_ns=50 * MS, of_spec_ns=20 * MS, why="given"),
+            "as told by --heartbeat, the demo flies with a heartbeat of 50 ms, and not 20 ms as in the spec",
+        ),
+        (
+            Heartbeat(0, late_ns=0, period_ns=20 * MS, of_spec_ns=20 * MS, why="given"),
+            "as told by --heartbeat, the heartbeat is 20 ms",
         ),
         (Logs(0, folder="/tmp/f", kept=False), "the logs of all processes are in /tmp/f"),
         (

@@ -1,5 +1,6 @@
 """How late this computer lets processes run, and the heartbeat period that follows from it."""
 
+import os
 import time
 from pathlib import Path
 
@@ -38,3 +39,10 @@ def test_a_computer_that_stands_still_is_noticed(monkeypatch: pytest.MonkeyPatch
     sleep = time.sleep
     monkeypatch.setattr(time, "sleep", lambda wait_s: sleep(wait_s + 0.06))
     assert latest_wake_up_ns(2, 0.05) >= 60 * MS
+
+
+def test_what_computes_beside_a_rehearsal_ends_with_it() -> None:
+    begun_ns = time.monotonic_ns()
+    assert 0 <= latest_wake_up_ns(2, 0.05, beside=2) <= time.monotonic_ns() - begun_ns
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)

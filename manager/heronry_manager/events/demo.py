@@ -40,11 +40,12 @@ class Process(Event):
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat(Event):
-    """How late processes run here, and the period that the demo flies with."""
+    """The heartbeat period that the demo flies with, and why: how late processes run here, or what the user gave."""
 
-    late_ns: int
+    late_ns: Annotated[int, "0 where the period was given"]
     period_ns: int
     of_spec_ns: int
+    why: Literal["rehearsal", "rehearsal with a page", "given"] = "rehearsal"
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from typing import Any
 from heronry_tools.analysis.made_ahead import add_contingencies_argument
 from heronry_tools.runtime.demo import DEFAULT_SECONDS, LONGEST_SECONDS
 
+_LONGEST_HEARTBEAT_MS = 10_000
 _EPILOG = """\
 examples:
   heronry demo                                        big_blue; the flight computer is killed and comes back
@@ -68,6 +69,14 @@ def add_parsers(subparsers: Any) -> None:
         default=0.0,
         help="begin SECONDS after take-off: at 90 the aircraft will soon leave the balloon, from 240 on it has landed",
     )
+    parser.add_argument(
+        "--heartbeat",
+        dest="heartbeat_ns",
+        metavar="MS",
+        type=_heartbeat_ns,
+        help="fly with heartbeats of MS where the spec has shorter ones (default: what this computer keeps in a short "
+        "rehearsal, with --web beside the load of a page)",
+    )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
     add_contingencies_argument(
         parser,
@@ -105,6 +114,16 @@ def _seconds(text: str) -> float:
             f"{text} is not a time in the demo; write a number of seconds from 0 to {LONGEST_SECONDS:.0f}"
         )
     return seconds
+
+
+def _heartbeat_ns(text: str) -> int:
+    """Read a heartbeat period in ms, 1 to 10 000; gives ns. Raises ArgumentTypeError for any other number."""
+    period_ms = float(text)
+    if not 1 <= period_ms <= _LONGEST_HEARTBEAT_MS:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a heartbeat period; write a number of milliseconds from 1 to {_LONGEST_HEARTBEAT_MS}"
+        )
+    return round(period_ms * 1_000_000)
 
 
 def run(arguments: argparse.Namespace) -> int:

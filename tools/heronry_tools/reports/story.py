@@ -331,10 +331,14 @@ def _logs(event: events.Logs) -> Line:
 
 def _heartbeat(event: events.Heartbeat) -> Line:
     late_ms, period_ms, own_ms = (ns / 1e6 for ns in (event.late_ns, event.period_ns, event.of_spec_ns))
-    late = f"processes run up to {late_ms:.0f} ms late on this computer now"
+    flies = f"the demo flies with a heartbeat of {period_ms:g} ms, and not {own_ms:g} ms as in the spec"
+    if event.why == "given":
+        return Line(f"as told by --heartbeat, {flies if period_ms != own_ms else f'the heartbeat is {own_ms:g} ms'}")
+    beside = " beside a page and its browser" if event.why == "rehearsal with a page" else ""
+    late = f"processes run up to {late_ms:.0f} ms late on this computer now{beside}"
     if period_ms == own_ms:
         return Line(f"{late}: it can keep the heartbeat of {own_ms:g} ms", "quiet")
-    return Line(f"{late}: the demo flies with a heartbeat of {period_ms:g} ms, and not {own_ms:g} ms as in the spec")
+    return Line(f"{late}, and a heartbeat should be twice that: {flies}")
 
 
 def _living(pe: str, waited: Waited) -> Line:

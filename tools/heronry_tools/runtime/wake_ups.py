@@ -9,6 +9,9 @@ A node that is late by L sends its state L late. With the heartbeat period P, ot
 P + L. The manager takes a node for lost after 3.25 P of silence, so P must be more than L / 2.25. With a period of 2 L,
 the node may become more than four times as late as in the rehearsal. This is a reserve, since the rehearsal is short
 and may not meet the worst case.
+
+A page and the browser that shows it come later, and take more than the nodes. So a rehearsal for them has processes
+beside it that compute without end, each in a session of its own: Linux shares the processors among sessions first.
 """
 
 import os
@@ -23,15 +26,21 @@ LONGEST_HEARTBEAT_NS = 16 * USUAL_HEARTBEAT_NS
 _GRID_NS, _WORK_NS = 10_000_000, 400_000  # about what an agent of the shipped aircraft takes
 
 
-def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
+def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0, beside: int = 0) -> int:
     """Let `processes` processes wake at regular times for `seconds` s; return the greatest lateness of all, in ns.
 
     niceness: nice value of these processes (setpriority(2)); a negative value is ignored if this user may not set it.
+    beside: how many processes compute without end meanwhile, each in a session of its own.
     """
     end_ns = time.monotonic_ns() + round(seconds * 1e9)
     pipe, theirs = os.pipe()
     children = []
     try:
+        for _ in range(beside):
+            child = os.fork()
+            if child == 0:
+                _compute(end_ns)
+            children.append(child)
         for _ in range(processes):
             child = os.fork()
             if child == 0:
@@ -65,6 +74,16 @@ def with_heartbeat(spec: Spec, at_least_ns: int) -> Spec:
     """
     slower = (replace(bus, heartbeat_ns=max(bus.heartbeat_ns, at_least_ns)) for bus in spec.buses.values())
     return replace(spec, buses={bus.name: bus for bus in slower})
+
+
+def _compute(end_ns: int) -> None:
+    """Compute in this child process until `end_ns`, in a session of its own, and exit."""
+    try:
+        os.setsid()
+        while time.monotonic_ns() < end_ns:
+            pass
+    finally:
+        os._exit(0)
 
 
 def _rehearse(pipe: int, end_ns: int, niceness: int) -> None:

@@ -5,6 +5,7 @@ import shutil
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from typing import Literal
 
 from heronry_dg.model import Spec
 from heronry_manager import events
@@ -32,6 +33,11 @@ from heronry_wire.key_file import read_key
 _AFTER_LAST_ACTION_S = 5.0
 _REHEARSAL_S = 0.25  # with a wake-up of each process every 10 ms
 _MORE_PROCESSES = 2  # a hub and a manager, beside the agents
+_OF_A_PAGE = 2  # the process that serves the page, and a browser that draws it
+
+_Why = Literal["rehearsal", "rehearsal with a page", "given"]
+_REHEARSED: _Why = "rehearsal"
+_WITH_PAGE: _Why = "rehearsal with a page"
 
 
 def play(arguments: argparse.Namespace) -> int:
@@ -57,8 +63,7 @@ def play(arguments: argparse.Namespace) -> int:
         folder = run_folder()
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
-        late_ns = latest_wake_up_ns(len(spec.pes) + _MORE_PROCESSES, _REHEARSAL_S, NODE_PRIORITY)
-        heartbeat_ns = kept_heartbeat_ns(late_ns)
+        late_ns, heartbeat_ns, why = _heartbeat(spec, arguments)
         flown = with_heartbeat(spec, heartbeat_ns)
         made, behind = _plans_ahead(spec, arguments.spec, arguments.contingencies)
         file = spec_path(arguments.spec)
@@ -79,7 +84,7 @@ def play(arguments: argparse.Namespace) -> int:
         tell = print_event if arguments.json else screen(flown)
         own_ns = spec.buses[spec.manager.bus].heartbeat_ns
         period_ns = flown.buses[spec.manager.bus].heartbeat_ns
-        tell(events.Heartbeat(time.monotonic_ns(), late_ns=late_ns, period_ns=period_ns, of_spec_ns=own_ns))
+        tell(events.Heartbeat(time.monotonic_ns(), late_ns=late_ns, period_ns=period_ns, of_spec_ns=own_ns, why=why))
         tell(events.Logs(time.monotonic_ns(), folder=str(folder), kept=False))
         flags = f"--of {called}" if called is not None else f"--socket {fleet.control_socket()}"
         tell(events.Orders(time.monotonic_ns(), flags=flags))
@@ -88,6 +93,24 @@ def play(arguments: argparse.Namespace) -> int:
         show = Show(flown, fleet, choices, tell, behind, page=page)
         chosen = actions if actions or arguments.no_kill else None
         return _run(show, fleet, tell, lambda: show.run(chosen, seconds, record))
+
+
+def _heartbeat(spec: Spec, arguments: argparse.Namespace) -> tuple[int, int, _Why]:
+    """Give how late processes run here (0: not rehearsed), the shortest heartbeat to fly with, and why that one.
+
+    Raises UserError where the user gives one that is shorter than the spec's.
+    """
+    if arguments.heartbeat_ns is None:
+        beside, why = (_OF_A_PAGE, _WITH_PAGE) if arguments.web else (0, _REHEARSED)
+        late_ns = latest_wake_up_ns(len(spec.pes) + _MORE_PROCESSES, _REHEARSAL_S, NODE_PRIORITY, beside)
+        return late_ns, kept_heartbeat_ns(late_ns), why
+    own_ns = spec.buses[spec.manager.bus].heartbeat_ns
+    if arguments.heartbeat_ns < own_ns:
+        raise UserError(
+            f"--heartbeat {arguments.heartbeat_ns / 1e6:g}: the spec has {own_ns / 1e6:g} ms, which a demo can only "
+            "lengthen; write a longer one, or change heartbeat_ms of the bus"
+        )
+    return 0, arguments.heartbeat_ns, "given"
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:

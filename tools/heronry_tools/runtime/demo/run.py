@@ -21,6 +21,7 @@ from heronry_manager.core.vocabulary import EnterPhase
 from heronry_manager.shell.ordered_telling import HELD_NS, OrderedTelling, Tell
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.demo.buses import BusChoice
+from heronry_tools.runtime.demo.cut_off import gateways_lost
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
@@ -230,12 +231,19 @@ class Show:
                 pass
 
     def _noted(self, one: events.Event) -> events.Event:
-        """Give an event of the manager; if a PE was lost although its process runs, fill the field `waited`.
+        """Give an event of the manager; if a PE was lost although its process runs, say why.
+
+        If the demo has killed the gateways of the PE, that is the cause. Otherwise the field `waited` is filled.
 
         `_pass_on` replaces what is in the field now by the longest time for which a process has waited for a
         processor.
         """
         if isinstance(one, events.PeLost) and one.t_ns < self._down_since_ns.get(one.pe, one.t_ns + 1):
+            killed = [pe for pe, since_ns in self._down_since_ns.items() if since_ns <= one.t_ns]
+            gateways = gateways_lost(self._spec, one.pe, killed)
+            if gateways:
+                names = " and ".join(f"pe:{gateway}" for gateway in gateways)
+                return replace(one, cause=f"{one.cause}; its only way to the manager led over {names}, now killed")
             return replace(one, waited=_NOT_MEASURED)
         return one
 
