@@ -18,12 +18,12 @@ CODEC = (
     "authentication bus_health canaerospace canopen_objects capacities channel_merge channel_watch command_tags "
     "configuration_slice contingency_block controller errors failure_text frame gateway_report identification "
     "identifiers layout management nmt node_services packing pe_table protocol_times protocol_version sansio sdo "
-    "standard_identifiers state_frames timing transmit_queue"
+    "standard_identifiers state_frames thinning timing transmit_queue"
 )
 SHELL = (  # of the wire: the files that use sockets, interfaces and files, or a person's words
     "__init__ arrival_times bare_can bus_arguments bus_opening can_interface clock_of_day command_parser eds "
-    "interruption key_file link ordinary_file python_can replicated_link runtime_folder service_manager slow_opening "
-    "socketcand spelling standstill"
+    "frame_port interruption key_file link ordinary_file parent_death python_can replicated_link "
+    "runtime_folder service_manager slow_opening socketcand spelling standstill"
 )
 
 
