@@ -10,6 +10,10 @@ spec tells its accuracy:
 
 Without velocity these modules publish nothing: a receiver gives only 10 positions a second, too few to steer by.
 
+The tracking filter doubts itself when images no longer fit (`tracking_filter`). If it does so a third time, its
+position cannot be trusted although it goes on: the module reports itself as failed, with the number of resets as
+detail, so that the next plan takes the position from another module.
+
 A restart of a receiver's estimator loses nothing. A restart of the tracking filter loses what the filter has learnt
 from images. The filter then begins at the receiver's position, or, without a receiver, where the line of sight of an
 image meets the nominal approach. The filter needs some seconds of images to be accurate again. A change of the mode
@@ -32,6 +36,7 @@ _STEEPEST_RAD = 0.12  # largest elevation of an aircraft on approach; an image w
 _SETTLES_S = 1.0
 _APART_NS = 20_000_000  # angles and age of one image arrive within this time
 _MRAD_TENTHS = 10_000.0
+_MOST_RESETS = 3
 
 
 def velocity(inputs: Inputs) -> tuple[float, float, float] | None:
@@ -118,6 +123,8 @@ class TrackedPosition(Module):
         if fix is not None:
             self._use_fix(self.filter, fix, inputs["gps_x"].age_ns, moving)
         self._use_image(self.filter, inputs)
+        if self.filter.resets >= _MOST_RESETS:
+            self.ctx.report_failed(f"module:{self.ctx.module}", self.filter.resets)
         state = self.filter.state
         return {"position_x": state[X], "position_y": state[Y], "height": state[H]}
 

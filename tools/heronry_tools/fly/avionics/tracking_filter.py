@@ -11,7 +11,8 @@ The filter copes with three problems of real images:
   since the exposure. It compares the image with the present position less this distance.
 - *Some images are wrong.* The filter refuses an angle that is further than `GATE_SIGMA` from the expected one.
 - *The filter may be wrong itself.* When `REFUSALS` angles of one axis in a row have been refused, the filter makes its
-  position uncertain again. Without this rule, one early outlier would lock out all later images.
+  position uncertain again, and counts this in `resets`. Without this rule, one early outlier would lock out all later
+  images.
 
 Measurements are scalars and are used one after the other, so no matrix is inverted.
 
