@@ -121,6 +121,8 @@ class FaultCode(IntEnum):
     DISAGREEMENT = 0xFF0B  # not a fault: two inputs of this module differ, and neither is known to be wrong
     UNKNOWN_ELEMENT = 0xFF0C  # not a fault: this module has reported an element that the spec does not have
     UNKNOWN_OUTPUT = 0xFF0D  # not a fault: this module gives a misspelt output, so an output of its mode is missing
+    STALE = 0xFF0E  # not a fault by itself: an input of this module gets no data, or it gives no data (`silence`)
+    UNKNOWN_INPUT = 0xFF0F  # not a fault: this module reads a misspelt input, which it can never get
     PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
     PRIORITY_REQUEST = 0xFF11  # not a fault: a module requests another priority of a function
 
@@ -340,19 +342,6 @@ COMMAND_OF: Mapping[type[ManagementMessage], Command] = {
     Control: Command.CONTROL,
 }
 """For each message the command that determines its identifier."""
-
-
-def element_field(kind: ElementKind, node: int = EVERYWHERE) -> int:
-    """Give the argument `a` of CLEAR and HOLDS for an element of this kind.
-
-    node: for a module that has failed on one PE alone, the node-ID of that PE; otherwise EVERYWHERE.
-    """
-    return kind | node << 8
-
-
-def kind_and_place(a: int) -> tuple[int, int]:
-    """Split the argument `a` of CLEAR or HOLDS in two: the number of an element's kind, and a node-ID or EVERYWHERE."""
-    return a & 0xFF, a >> 8
 
 
 def is_newer(epoch: int, than: int) -> bool:

@@ -76,6 +76,15 @@ FRESH_PERIODS = 3
 GATHER_NS = 1_000_000
 """For so long a node may let frames gather before it reads them, while nothing is urgent for it."""
 
+SILENT_PERIODS = 5
+"""Periods of its source without a datum after which an input counts as silent, but at least T_lease.
+
+For an output it is the period of its module (`silent_after_ns`).
+"""
+
+SILENCE_REPORT_NS = 1_000_000_000
+"""Period in which a PE reports again that an input or output is silent."""
+
 FAULT_QUIET_NS = 1_000_000_000
 """For this time after a fault was acknowledged, the PE does not report the same fault again."""
 
@@ -118,6 +127,14 @@ def heard_ns(period_ns: int, misses: int) -> int:
 def slack_ns(period_ns: int) -> int:
     """Largest deviation in ns of a beat that is still in time: a quarter of a period."""
     return period_ns // 4
+
+
+def silent_after_ns(period_ns: int, lease_ns: int) -> int:
+    """Time in ns without a datum after which an input or output counts as silent.
+
+    period_ns: period of the source. lease_ns: T_lease of the PE.
+    """
+    return max(SILENT_PERIODS * period_ns, lease_ns)
 
 
 def t_lease_ns(period_ns: int) -> int:

@@ -37,4 +37,4 @@ class Version:
         return f"{self.major}.{self.minor}"
 
 
-PROTOCOL = Version(1, 0)
+PROTOCOL = Version(1, 1)

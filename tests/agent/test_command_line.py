@@ -85,7 +85,7 @@ def test_a_device_driver_that_is_not_there_is_told_before_the_bus_is_touched(
         (b"[]", "not a JSON object"),
         (TABLE.to_json().replace('"node_id":93', '"node_id":3').encode(), "is damaged"),
         (replace(TABLE, node_id=3).to_json().encode(), "node_id 3"),
-        (replace(TABLE, protocol=Version(2, 0)).to_json().encode(), "of protocol 2.0, and this agent speaks 1.0"),
+        (replace(TABLE, protocol=Version(2, 0)).to_json().encode(), "of protocol 2.0, and this agent speaks 1.1"),
     ],
 )
 def test_a_table_that_cannot_be_used(

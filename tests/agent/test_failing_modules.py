@@ -85,8 +85,9 @@ class Partitioned(OnePe):
         return actions
 
     def codes(self, actions: list[Action]) -> list[tuple[str, int, int]]:
+        """Code, index and detail of each report; modules here give nothing, and reports of that are left out."""
         told = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE))]
-        return [(e.code.name, e.index, e.detail) for e in told]
+        return [(e.code.name, e.index, e.detail) for e in told if e.code is not FaultCode.STALE]
 
     def heard_of(self) -> dict[tuple[str, int], int]:
         """Number of reports so far, by code and module."""

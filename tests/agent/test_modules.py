@@ -26,7 +26,7 @@ from agent.one_pe import (
     rate_frame,
     sent,
 )
-from heronry_agent.core.unknown_outputs import misspelt_output
+from heronry_agent.core.unknown_names import misspelt_output
 from heronry_agent.core.vocabulary import Note, StepModule, Stepped
 from heronry_agent.module import Value
 from heronry_wire.configuration_slice import Slice
@@ -147,18 +147,18 @@ def test_code_may_give_more_than_the_spec_takes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("of_mode", "given", "found"),
+    ("missing", "given", "found"),
     [
         (("demand",), ("demnad",), ("demnad", "demand")),
-        (("demand",), ("demand", "demnad"), None),
+        ((), ("demand", "demnad"), None),
         (("demand",), ("trend",), None),
         ((), ("angle",), None),
     ],
 )
 def test_only_a_name_like_an_output_that_is_lacking_is_misspelt(
-    of_mode: tuple[str, ...], given: tuple[str, ...], found: tuple[str, str] | None
+    missing: tuple[str, ...], given: tuple[str, ...], found: tuple[str, str] | None
 ) -> None:
-    assert misspelt_output(TABLE.modules[0], of_mode, given) == found
+    assert misspelt_output(TABLE.modules[0], missing, given) == found
 
 
 def test_an_old_datum_taken_after_a_pause_is_as_old_as_it_is() -> None:

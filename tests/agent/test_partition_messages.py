@@ -114,7 +114,7 @@ def _has_nan(answer: Answer) -> bool:
 
 def stepped(outputs: list[bytes], types: list[bytes], length: int, values: bytes = b"") -> bytes:
     """The answer to a step with these names and types, and bytes of this length for the values."""
-    lists = (outputs, types, [], [], [])
+    lists = (outputs, types, [], [], [], [])
     names = b"".join(
         struct.pack("<H", len(each)) + b"".join(struct.pack("<H", len(text)) + text for text in each) for each in lists
     )

@@ -113,6 +113,7 @@ modules:
     flash: 1.5KiB
     partition: safe
     restarts: 5
+    silent: fails
     checkpoint: true
     rate_per_h: 0.25
     modes:
@@ -151,7 +152,7 @@ contingency: {{faults: 3, phases: [land]}}
     }
     pinned = frozenset({"fpu"})
     assert spec.modules["m"] == Module(
-        "m", "code", modes, "gps", ("nav",), pinned, 1536, "safe", 5, True, rate_per_h=Fraction(1, 4)
+        "m", "code", modes, "gps", ("nav",), pinned, 1536, "safe", 5, "fails", True, rate_per_h=Fraction(1, 4)
     )
     assert list(spec.modules["n"].modes) == ["only"]
     function = spec.functions["f"]

@@ -88,9 +88,19 @@ def test_two_faults_that_each_suffice_to_lose_it_must_both_be_repaired(capsys: p
 
 def test_a_worse_mode_has_reasons_too(capsys: pytest.CaptureFixture[str]) -> None:
     out = run(capsys, "big_blue", "guidance", "--down", "device:gps", "--phase", "glide")
-    assert out == (
+    assert out.startswith(
         "guidance is served in glide, but only in mode level: value 30 instead of 100\n"
         "because, all at once:\n  device:gps is down\nrepaired by:\n  device:gps comes back\n"
+        "less than the best, in it and upstream of it:\n  guidance runs in mode level, not route\n"
+    )
+
+
+def test_what_is_less_upstream_of_a_best_mode_is_named_with_its_module(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(capsys, "elevator_and_chute", "parachute", "--down", "device:barometer") == (
+        "parachute is served, in its best mode: only, but not with the best upstream\n"
+        "less than the best, in it and upstream of it:\n"
+        "  chute_logic reads altitude@2\n"
+        "  high_quality_altitude runs in mode gps_only, not fused\n"
     )
 
 

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 from heronry_dg.configuration import Configuration, Running
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
+from heronry_manager import events
 from heronry_manager.events import (
     Adopted,
     BusSeen,
@@ -204,8 +205,8 @@ def test_a_silence_belongs_to_the_reconfiguration_in_which_it_began() -> None:
     silent = OutageEvent(0, function="elevator", from_ns=2100 * MS, to_ns=None, gathered=False)
     over = replace(silent, to_ns=2200 * MS)
     whole = Outage("elevator", 2100 * MS, 2200 * MS)
-    for events in ([*ALL, silent, over], [*START, RUNS, *LOSS, silent, *RECOVERY, over]):
-        view = snapshot(*events)
+    for story in ([*ALL, silent, over], [*START, RUNS, *LOSS, silent, *RECOVERY, over]):
+        view = snapshot(*story)
         assert [one.outages for one in view.reconfigurations] == [(), (whole,)]
         assert view.outages == (whole,)
 
@@ -347,3 +348,18 @@ def test_of_a_document_of_another_form_nothing_is_used() -> None:
 def test_a_reconfiguration_without_causes_and_a_strange_share_are_shown() -> None:
     assert snapshot(*START, replace(RUNS, causes=())).told[-1].sentence.startswith("epoch 1 runs: ")
     assert snapshot(*START, LinkLimited(99, "radio", "comms", "lots")).buses["radio"].link == "lots"
+
+
+def test_a_silence_is_shown_from_its_begin_to_its_end() -> None:
+    reducer = REDUCER
+    begun = events.InputSilent(5, module="chute_logic", by="control_pe", variable="altitude", producer="fused")
+    also = events.OutputSilent(6, module="fused", by="sensor_pe", variable="altitude")
+    over = events.SilenceOver(
+        7, module="chute_logic", by="control_pe", variable="altitude", what="input", why="data come again", for_ns=2
+    )
+    told = reducer.all((begun, also))
+    assert [(one.module, one.what, one.producer, one.since_ns) for one in told.snapshot.silences] == [
+        ("chute_logic", "input", "fused", 5),
+        ("fused", "output", None, 6),
+    ]
+    assert [one.module for one in reducer.after(told, over).snapshot.silences] == ["fused"]

@@ -22,6 +22,7 @@ from heronry_dg import yaml_source
 from heronry_dg.check.actuators import check_actuators
 from heronry_dg.check.hazards import check_hazards
 from heronry_dg.check.plants import check_plants
+from heronry_dg.check.silence import check_silence
 from heronry_dg.check.subject import Subject
 from heronry_dg.cycles import components, shortest_cycle
 from heronry_dg.findings import Findings, listed
@@ -53,6 +54,7 @@ def check(subject: Subject, findings: Findings) -> None:
     check_actuators(subject, findings)
     check_hazards(subject, findings)
     check_plants(subject, findings)
+    check_silence(subject, findings)
 
 
 class _Wiring:

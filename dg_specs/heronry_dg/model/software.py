@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 from heronry_dg.field_types import (
     MOST_VERSIONS,
@@ -138,6 +138,14 @@ class Module(Fallible):
         Restarts,
         Key("How many times the PE restarts a failed module; a minute without failure resets the count.", 0),
     ] = 2
+    silent: Annotated[
+        Literal["told", "fails"],
+        Key(
+            "What happens when the module leaves out an output for five periods, at least T_lease, although its inputs "
+            "are there: `told` reports it; `fails` also makes the module failed on its PE.",
+            "fails",
+        ),
+    ] = "told"
     checkpoint: Annotated[
         Checkpoint | None, Key("Whether, or how, the module's state is kept for a restart on another PE.", True)
     ] = None

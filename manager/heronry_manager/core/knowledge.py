@@ -10,13 +10,14 @@ The objects stay the same for as long as the manager runs. When the manager forg
     advice          the last advice of a manager that only advises
     following       what the other manager, if that one is active, sends and does
     held_outputs    which PEs hold exclusive outputs back
+    silences        which inputs and outputs of running modules are silent
     script          the configuration that a script of the operator has ordered
     authenticity    with a key: what has been proven; None without a key
     details         what PEs store for people to read. No decision depends on it, and the manager does not forget it
 """
 
 from heronry_manager.core.authentication import Authenticity
-from heronry_manager.core.epochs import Advice, Deployment, HeldOutputs
+from heronry_manager.core.epochs import Advice, Deployment, HeldOutputs, Silences
 from heronry_manager.core.mastership import Claim, Following, Mastership
 from heronry_manager.core.membership import Exclusion, Health
 from heronry_manager.core.reports import PeDetails
@@ -50,6 +51,9 @@ class Knowledge:
             spec, turn, self.situation, self.exclusion, settings.window_ns, compiler=compiler, on_board=on_board
         )
         self.held_outputs = HeldOutputs(spec, turn, self.health, self.deployment)
+        self.silences = Silences(
+            spec, turn, self.health, self.deployment, failed=lambda: self.situation.failed.elements
+        )
         self.script = HeldScript(spec, turn)
         self.authenticity: Authenticity | None = None
         if key is not None:
@@ -65,6 +69,7 @@ class Knowledge:
         self.advice.forget()
         self.following.forget()
         self.held_outputs.forget()
+        self.silences.forget()
         self.script.forget()
         if self.authenticity is not None:
             self.authenticity.forget()

@@ -356,4 +356,5 @@ class ManagerCore:
             authenticity=known.authenticity,
             details=self._details,
             held=known.held_outputs,
+            silences=known.silences,
         )

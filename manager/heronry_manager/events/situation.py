@@ -130,6 +130,45 @@ class UnknownOutput(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class UnknownInput(Event):
+    """The module reads an input under a misspelt name, which it can never get."""
+
+    module: str
+    by: str
+
+
+@dataclass(frozen=True, slots=True)
+class InputSilent(Event):
+    """A wired input of a running module has had no datum for five periods, at least T_lease."""
+
+    module: str
+    by: Annotated[str, "the PE of the module"]
+    variable: str
+    producer: Annotated[str, "the module that should give it"]
+
+
+@dataclass(frozen=True, slots=True)
+class OutputSilent(Event):
+    """A running module has left out an output for five periods, at least T_lease, although its inputs are there."""
+
+    module: str
+    by: Annotated[str, "the PE of the module"]
+    variable: str
+
+
+@dataclass(frozen=True, slots=True)
+class SilenceOver(Event):
+    """Data come again, or the input or output is no longer part of what runs."""
+
+    module: str
+    by: str
+    variable: str
+    what: Literal["input", "output"]
+    why: Literal["data come again", "no longer reported", "no longer part of what runs"]
+    for_ns: Annotated[int, "since it was reported"]
+
+
+@dataclass(frozen=True, slots=True)
 class Disagreement(Event):
     """Two inputs of this module differ, and neither is known to be wrong."""
 

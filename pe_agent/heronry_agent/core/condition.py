@@ -18,6 +18,8 @@ from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.staging import Staging
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
+from heronry_wire.management import Step
+from heronry_wire.sansio import Send
 from heronry_wire.state_frames import PeFlags
 
 
@@ -87,10 +89,17 @@ class StateReports:
     _proven_changes: int = 0  # value of `Faults.changes` at the last page 0
 
     def tick(self) -> None:
-        """Send the state frames that are due once in a heartbeat period."""
-        self.turn.do(*self.reporting.tick(self.turn.now_ns, self.condition.facts()))
+        """Send the state frames that are due once in a heartbeat period, and before them a report of a silence."""
+        self.turn.do(*self._silences(), *self.reporting.tick(self.turn.now_ns, self.condition.facts()))
         if self.authenticity is not None:
             self.authenticity.beat()
+
+    def _silences(self) -> list[Send]:
+        condition, now_ns = self.condition, self.turn.now_ns
+        active, followed = condition.active_configuration, condition.followed_manager
+        is_steady = active.step is Step.GO_ALL and followed.hears_lease(now_ns)
+        frames = self.modules.silences.look(active.live, now_ns, is_steady=is_steady)
+        return [Send(condition.index.uplink, frame) for frame in frames]
 
     def immediate(self) -> None:
         """Send the state pages that parts of the agent have requested in this call of the core."""

@@ -14,6 +14,9 @@ sent again once in a heartbeat period. If its cause is found again meanwhile, no
     priority        at most one request is pending for each function. It is handled like a phase request, but the
                     requests for each function have numbers of their own
 
+A silent input or output (`silence_reports`) is only *announced*: its report is pending for one heartbeat period, and no
+manager acknowledges it. At most one announcement is pending; a newer one replaces it.
+
 Two more events are reported like faults, but do not stay on record:
 
 - the restart of a module. It is acknowledged separately from the module's final failure, since the manager must learn
@@ -78,6 +81,8 @@ class Faults:
         # uncleared faults, by (kind, index): the EMCY, and when the fault was last found or acknowledged
         self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}
         self._requests = self._events = 0
+        self._announced: bytes | None = None  # the EMCY of the announcement that is pending
+        self._announced_until_ns = NEVER_NS
         self._request: Emergency | None = None  # the last phase request, unless it was withdrawn
         self._priorities: dict[int, Emergency] = {}  # by function: the last priority request, unless it was withdrawn
         self._priority_numbers: dict[int, int] = {}  # by function
@@ -87,8 +92,8 @@ class Faults:
 
     @property
     def pending(self) -> bool:
-        """Tell whether any report has not been acknowledged yet."""
-        return bool(self._pending)
+        """Tell whether any report has not been acknowledged yet, or was announced within the last heartbeat period."""
+        return bool(self._pending) or self._announced is not None
 
     @property
     def is_asking(self) -> bool:
@@ -96,8 +101,9 @@ class Faults:
         return any(code is FaultCode.PHASE_REQUEST for code, _, _ in self._pending)
 
     def messages(self) -> list[bytes]:
-        """Return the EMCYs that have not been acknowledged yet, oldest first, as bytes."""
-        return [emergency.encode() for _, emergency in self._pending.values()]
+        """Return the EMCYs that are pending, as bytes: the oldest first, an announcement last."""
+        pending = [emergency.encode() for _, emergency in self._pending.values()]
+        return pending if self._announced is None else [*pending, self._announced]
 
     @property
     def register(self) -> int:
@@ -189,6 +195,13 @@ class Faults:
         if request is not None and _key(request) in self._pending:
             self._drop([_key(request)])
 
+    def announce(self, emergency: Emergency, now_ns: int) -> Frame:
+        """Make a report pending for one heartbeat period, in place of the last one; returns the frame to send now."""
+        self._announced, self._announced_until_ns = emergency.encode(), now_ns + self._period_ns
+        self.changes += 1
+        self._find_next()
+        return Frame(self._emcy_id, self._announced)
+
     def acknowledge(self, kind: int, number: int, now_ns: int) -> bool:
         """Stop repeating the reports that the manager has acknowledged; tells whether there were any.
 
@@ -216,7 +229,10 @@ class Faults:
         return [Frame(self._emcy_id, emergency.encode())]
 
     def tick(self, now_ns: int) -> list[Frame]:
-        """Return the frames of the reports that are to be repeated now."""
+        """Return the frames of the reports that are to be repeated now; an announcement may cease to be pending."""
+        if now_ns >= self._announced_until_ns:
+            self._announced, self._announced_until_ns = None, NEVER_NS
+            self._find_next()
         due = [emergency for at_ns, emergency in self._pending.values() if now_ns >= at_ns]
         return [frame for emergency in due for frame in self._pend(emergency, now_ns)]
 
@@ -246,6 +262,7 @@ class Faults:
 
     def _find_next(self) -> None:
         self.next_ns = min((at_ns for at_ns, _ in self._pending.values()), default=NEVER_NS)
+        self.next_ns = min(self.next_ns, self._announced_until_ns)
 
 
 def _key(emergency: Emergency) -> _Key:

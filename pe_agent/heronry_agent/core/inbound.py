@@ -149,7 +149,10 @@ class Inbound:
             if event.port == self._index.uplink:
                 self._output_authorization.heard(self._turn.arrived_ns)
             epoch, running = epoch_of(data), self._active_configuration.running.epoch
-            if epoch != running:
+            if epoch == running:
+                self._modules.silences.heard_ns[event.frame.can_id] = self._turn.arrived_ns
+            else:
+                self._modules.silences.heard_ns[event.frame.can_id] = 0
                 self._output_authorization.neighbour_runs(epoch, running)
         if event.port != self._index.uplink:
             self._from_beyond(event)

@@ -13,7 +13,7 @@ A value that stays on this PE passes through the same codec as a value on a bus,
 wherever its producer runs: a FLOAT has single precision everywhere.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from heronry_agent.core.table_index import TableIndex
@@ -64,6 +64,11 @@ class Mailbox:
             return False
         self._time_ns, self._data, self._status, self._value = now_ns, data, status, None
         return True
+
+    @property
+    def time_ns(self) -> int | None:
+        """When the last datum came, in ns; None since the mailbox was last emptied."""
+        return self._time_ns
 
     def is_virgin(self) -> bool:
         """Tell whether no datum has come since the mailbox was last emptied."""
@@ -126,6 +131,11 @@ class Mailboxes:
             if datum is not None:
                 seen[wire.path] = (wire.variable, datum)
         return seen
+
+    def supply_all(self, module: int, named: Collection[str], now_ns: int) -> bool:
+        """Tell whether a module has a usable datum of each variable in `named`."""
+        usable = {variable for variable, datum in self.inputs(module, now_ns).values() if datum.valid}
+        return usable.issuperset(named)
 
     def _box(self, source: int, node: int) -> Mailbox:
         held = self.boxes.get(source)

@@ -123,6 +123,11 @@ class OutputAuthorization:
                 if last_ns is None or arrived_ns - last_ns > self._lease_ns:
                     self._doubted_ns = self._hears_since_ns = arrived_ns
 
+    @property
+    def heard_ns(self) -> int:
+        """When another node was last heard, in ns; 0: none has been heard yet."""
+        return 0 if self._heard_ns is None else self._heard_ns
+
     def hears_since_ns(self, arrived_ns: int) -> int:
         """Time in ns since which other nodes have been heard without a silence longer than T_lease.
 

@@ -9,6 +9,8 @@ A module *fails* when it
 - raises an exception, hangs, or was computing when its partition ended;
 - gives a value that no frame can carry, or gives its device a command that the device cannot execute.
 
+A module that gives nothing has not failed here: `silence_watch` reports it.
+
 The failure is reported, and the module is restarted as often as the table allows (`restarts`), then stopped: the
 manager has the report, and decides where the module runs. A module that cannot be built, or that takes too long in many
 steps in a row, is stopped immediately. A module whose code is not on this PE is reported when the PE boots up (or when
@@ -27,7 +29,7 @@ outputs, and for a second after that, it accepts no report that an element has f
 not follow its command, although its servo is healthy. The reporting module is started anew, to forget what it saw.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from heronry_agent.core.active_configuration import ActiveConfiguration, Moves
@@ -35,15 +37,17 @@ from heronry_agent.core.echo_pace import EchoPace
 from heronry_agent.core.failure_texts import FailureTexts
 from heronry_agent.core.faults import Faults
 from heronry_agent.core.mailboxes import Mailboxes
+from heronry_agent.core.notices import Notices
 from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.phase_requests import PhaseRequests
 from heronry_agent.core.priority_requests import PriorityRequests
 from heronry_agent.core.publishing import Publisher
 from heronry_agent.core.restarts import Restarts
 from heronry_agent.core.schedule import Schedule
+from heronry_agent.core.silence_reports import SilenceReports
+from heronry_agent.core.silence_watch import SilenceWatch
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
-from heronry_agent.core.unknown_outputs import misspelt_output
 from heronry_agent.core.vocabulary import (
     Drive,
     DriveFailed,
@@ -63,19 +67,11 @@ from heronry_agent.core.vocabulary import (
 )
 from heronry_agent.module import DISAGREEMENT, Value
 from heronry_wire.configuration_slice import Slice
+from heronry_wire.element_places import kind_and_place
 from heronry_wire.failure_text import plain_reason
 from heronry_wire.frame import Frame, WireError
-from heronry_wire.identifiers import emcy_id
-from heronry_wire.management import (
-    EVERYWHERE,
-    SPECS_PRIORITY,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    kind_and_place,
-)
+from heronry_wire.management import EVERYWHERE, SPECS_PRIORITY, ElementKind, FaultCode
 from heronry_wire.pe_table import ModuleEntry
-from heronry_wire.protocol_times import FAULT_QUIET_NS
 from heronry_wire.sansio import Send, require
 
 _MOST_NAMES = 4
@@ -111,11 +107,14 @@ class RunningModules:
         self.schedule = Schedule()
         self.restarts = Restarts()
         self.failures = FailureTexts()
-        self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns, index.critical)
+        period_ns = index.table.ports[index.uplink].heartbeat_ns
+        self.faults = Faults(index.node, period_ns, index.critical)
+        reports = SilenceReports(self.faults, period_ns)
+        self.silences = SilenceWatch(index, self.mailboxes, output_authorization, reports, period_ns)
         self.phase_requests = PhaseRequests(index, self.faults)
         self._priority_requests = PriorityRequests(self.faults)
         self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
-        self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module and code: when `_notice` last reported it
+        self._notices = Notices(turn, index)
         self.has_exclusive_output = False
         self.load_percent = 0
         self._lacking: set[int] = set()  # modules whose code is not on this PE
@@ -136,6 +135,7 @@ class RunningModules:
         if rewire:
             self.mailboxes.rewire(wanted)
             self.schedule.chain(self._chains(wanted))
+            self.silences.rewire(wanted, self._turn.now_ns)
         self._publish = {
             source: tuple(port for port in self._index.ports if mask >> port & 1)
             for source, mask in wanted.publish.items()
@@ -162,6 +162,7 @@ class RunningModules:
                 if now_ns > until_ns:
                     self._turn.count("step held", module)
                     self._held_ns = now_ns
+                    self.silences.held(module, now_ns)
                     continue
             inputs = self.mailboxes.inputs(module, now_ns)
             self._turn.do(StepModule(module, self.schedule.begin(module, now_ns), inputs, until_ns))
@@ -181,7 +182,11 @@ class RunningModules:
             self._request_phase(running, phase)
         for function, priority in event.priorities:
             self._request_priority(running, function, priority)
-        self._look_for_misspelt(running, event.outputs)
+        missing = [variable for variable in running.gives if variable not in event.outputs]
+        if missing or event.module in self.silences.withholding:
+            self.silences.left_out(running.entry, running.mode, missing, self._turn.now_ns)
+        if missing or event.misspelt_inputs:
+            self._notices.look_for_misspelt(running.entry, event, missing)
         try:
             for variable, value in event.outputs.items():
                 self._give(running, variable, value)
@@ -339,6 +344,7 @@ class RunningModules:
         entry, mode = running.entry, running.mode
         self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)
         self.phase_requests.started(module, mode)
+        self.silences.began(module, self._turn.now_ns)
         self._turn.do(StartModule(module, entry, mode))
 
     def _stop(self, module: int, *, keep: bool = False) -> None:
@@ -350,6 +356,7 @@ class RunningModules:
     def _halt(self, module: int, *, keep: bool = False) -> None:
         """Stop stepping a module, and drop its object; with `keep`, keep the object for another mode."""
         self.schedule.stop(module)
+        self.silences.began(module, self._turn.now_ns)
         self.phase_requests.stopped(module)
         self._priority_requests.stopped(module)
         self._turn.do(StopModule(module, keep))
@@ -433,31 +440,14 @@ class RunningModules:
         self._publisher.sent(frame)
         self._turn.do(*(Send(port, frame, until_ns) for port in ports))
 
-    def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
-        """Send an EMCY about a module, for an event that is not a fault; returns whether the EMCY was sent.
-
-        It is not sent if an EMCY with the same `code` was sent for this module within the last second.
-        """
-        now_ns, index = self._turn.now_ns, running.entry.index
-        if now_ns - self._noticed_ns.get((index, code), -FAULT_QUIET_NS) < FAULT_QUIET_NS:
-            return False
-        self._noticed_ns[index, code] = now_ns
-        self._tell([Frame(emcy_id(self._index.node), Emergency(code, 0, ElementKind.MODULE, index, detail).encode())])
-        return True
-
-    def _look_for_misspelt(self, running: _Running, outputs: Collection[str]) -> None:
-        found = misspelt_output(running.entry, running.gives, outputs)
-        if found is not None and self._notice(running, FaultCode.UNKNOWN_OUTPUT, 0):
-            self._turn.note("fault", f"module {running.entry.name} gives '{found[0]}'; did you mean '{found[1]}'?")
-
     def _report(self, running: _Running, element: str, detail: int) -> None:
         if element == DISAGREEMENT:
-            self._notice(running, FaultCode.DISAGREEMENT, detail)
+            self._notices.send(running.entry.index, FaultCode.DISAGREEMENT, detail)
             return
         found = self._index.elements.get(element)
         if found is None:
             self._turn.count("report of an unknown element", running.entry.index)
-            if self._notice(running, FaultCode.UNKNOWN_ELEMENT, detail):
+            if self._notices.send(running.entry.index, FaultCode.UNKNOWN_ELEMENT, detail):
                 self._turn.note("fault", f"module {running.entry.name} reports {element}, which the spec does not have")
             return
         if self.has_exclusive_output and not self._output_authorization.allows(self._turn.now_ns):

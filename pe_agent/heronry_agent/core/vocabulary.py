@@ -31,6 +31,7 @@ class Stepped(NamedTuple):
         module's choice. DISAGREEMENT in place of `KIND:NAME` reports that two inputs differ.
     phases: mission phases that the module requested, in order.
     priorities: (function, priority) for each request; the priority SPECS_PRIORITY stands for that of the spec.
+    misspelt_inputs: (name, the input that was probably meant) for each input that the module reads under a wrong name.
     spent_ns: duration of the step, without the time in which it waited for a processor.
     """
 
@@ -42,6 +43,7 @@ class Stepped(NamedTuple):
     phases: tuple[str, ...] = ()
     spent_ns: int = 0
     priorities: tuple[tuple[str, int], ...] = ()
+    misspelt_inputs: tuple[tuple[str, str], ...] = ()
 
 
 class Failure(NamedTuple):

@@ -23,8 +23,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from heronry_agent.core.vocabulary import Failure
-from heronry_agent.module import DISAGREEMENT, Datum, Inputs, Module, Value
+from heronry_agent.module import DISAGREEMENT, Datum, Module, Value
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
+from heronry_agent.shell.reading_watch import ReadingWatch
 from heronry_wire.management import MOST_PRIORITY, SPECS_PRIORITY
 
 _MOST_DETAIL = 0xFFFF
@@ -33,13 +34,18 @@ _HERE = (__file__, find_image.__code__.co_filename)
 
 
 class Orders(NamedTuple):
-    """What is needed to build a module: its name, image, mode, period in ns, and the name of its device, if any."""
+    """What is needed to build a module: its name, image, mode, period in ns, and the name of its device, if any.
+
+    needed: variables that the mode needs. known: those that any mode needs.
+    """
 
     name: str
     image: str
     mode: str
     period_ns: int
     device: str | None
+    needed: tuple[str, ...] = ()
+    known: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +57,7 @@ class Result:
     reports: tuple[tuple[str, int], ...] = ()  # (element, detail)
     phases: tuple[str, ...] = ()  # requested phases
     priorities: tuple[tuple[str, int], ...] = ()  # requests: (function, priority)
+    misspelt: tuple[tuple[str, str], ...] = ()  # (name that was read, input that was probably meant)
 
 
 @dataclass(slots=True)
@@ -63,6 +70,7 @@ class _Context:
     period_ns: int
     now_ns: int
     device: str | None
+    reads: ReadingWatch
     until_ns: int = 0
     reading: Value | None = None
     writes: list[Value] = field(default_factory=list)
@@ -136,7 +144,8 @@ class ModuleRunner:
         missing = self.load(orders.image)
         if missing is not None:
             return missing
-        context = _Context(self._clock, orders.name, orders.mode, orders.period_ns, now_ns, orders.device)
+        reads = ReadingWatch(orders.needed, orders.known)
+        context = _Context(self._clock, orders.name, orders.mode, orders.period_ns, now_ns, orders.device, reads)
         try:
             self._running[module] = (self._classes[orders.image](context), context, orders.image)
         except Exception as error:  # noqa: BLE001 - a module's constructor may raise anything
@@ -170,19 +179,20 @@ class ModuleRunner:
         context.now_ns, context.until_ns, context.reading = now_ns, until_ns, reading
         context.forget()
         try:
-            outputs: object = code.step(Inputs(inputs))
+            outputs: object = code.step(context.reads.inputs(inputs))
         except Exception as error:  # noqa: BLE001 - a module's step may raise anything
             context.forget()  # what it has collected may hold the memory that ran out
             return failure_of(error, _file_of(type(code)))
         if not isinstance(outputs, dict | Mapping):  # a dict, the usual case, is recognized quickly
             return Failure(f"the module's step gave {type(outputs).__name__}, not a mapping")
         said = tuple(context.reports), tuple(context.phases), tuple(context.priorities)
-        return Result(dict(outputs), tuple(context.writes), *said)
+        return Result(dict(outputs), tuple(context.writes), *said, context.reads.stepped())
 
     def _carried_over(self, module: int, held: tuple[Module, _Context, str], orders: Orders, now_ns: int) -> bool:
         """Call `mode_changed` of a module that `stop` has kept; tells whether its object continues in the new mode."""
         code, context, _ = held
         context.mode, context.period_ns, context.now_ns = orders.mode, orders.period_ns, now_ns
+        context.reads = ReadingWatch(orders.needed, orders.known)
         try:
             goes_on = code.mode_changed()
         except Exception:  # noqa: BLE001 - foreign code: a module that fails here is built anew

@@ -257,7 +257,8 @@ class PartitionHost:
                 spent_ns = process.answered(module, release, min(ended_ns, now_ns), self._period_ns(module))
                 if spent_ns is not None:
                     outputs, writes, reports = result.outputs, result.writes, result.reports
-                    yield Stepped(module, release, outputs, writes, reports, result.phases, spent_ns, result.priorities)
+                    asked = result.phases, spent_ns, result.priorities, result.misspelt
+                    yield Stepped(module, release, outputs, writes, reports, *asked)
                     return
             case Failed(module, release, reason, traceback):
                 if process.answered(module, release, now_ns, NEVER_NS) is not None:

@@ -157,6 +157,7 @@ class _Layout:
     reports: tuple[str, ...]  # elements
     phases: tuple[str, ...]  # requested phases
     priorities: tuple[str, ...]  # functions
+    misspelt: tuple[str, ...]  # pairs: the name that was read, the input that was probably meant
     values: struct.Struct  # what follows the layout: values, a detail for each report, a number for each priority
     is_plain: bool  # every value is one number
 
@@ -204,7 +205,8 @@ def _stepped(answer: Done) -> bytes:
     values: Sequence[Value] = (*result.outputs.values(), *result.writes)
     types = tuple([_LETTERS.get(type(value)) or _type(value) for value in values])
     reports, priorities = tuple([name for name, _ in result.reports]), tuple([name for name, _ in result.priorities])
-    head, layout = _written(tuple(result.outputs), types, reports, result.phases, priorities)
+    misspelt = tuple([name for pair in result.misspelt for name in pair]) if result.misspelt else ()
+    head, layout = _written(tuple(result.outputs), types, reports, result.phases, priorities, misspelt)
     flat = values if layout.is_plain else _flat(values)
     try:
         body = layout.values.pack(*flat, *(number for _, number in (*result.reports, *result.priorities)))
@@ -245,7 +247,7 @@ def _flat(values: Iterable[Value]) -> Iterator[Value]:
 def _written(*shape: tuple[str, ...]) -> tuple[bytes, _Layout]:
     """Encode names and types for the head of STEPPED; returns the bytes, and the layout.
 
-    shape: the values of the first five fields of `_Layout`, in their order.
+    shape: the values of the first six fields of `_Layout`, in their order.
     """
     head = b"".join([_list(names, _text) for names in shape])
     if len(head) > _LIST:
@@ -259,23 +261,19 @@ def _written(*shape: tuple[str, ...]) -> tuple[bytes, _Layout]:
 @lru_cache(_LAYOUTS)
 def _read(head: bytes) -> _Layout:
     reader = _Reader(head)
-    shape = [tuple(reader.list(reader.text)) for _ in range(5)]
-    if reader.at != len(head) or len(shape[0]) > len(shape[1]):
-        raise ValueError("the answer to a step has more outputs than types, or bytes after its names")
+    shape = [tuple(reader.list(reader.text)) for _ in range(6)]
+    if reader.at != len(head) or len(shape[0]) > len(shape[1]) or len(shape[5]) % 2:
+        raise ValueError("the answer to a step has more outputs than types, half a pair, or bytes after its names")
     return _layout(*shape)
 
 
-def _layout(
-    outputs: tuple[str, ...],
-    types: tuple[str, ...],
-    reports: tuple[str, ...],
-    phases: tuple[str, ...],
-    priorities: tuple[str, ...],
-) -> _Layout:
+def _layout(*shape: tuple[str, ...]) -> _Layout:
+    """Make a layout of the values of its first six fields."""
+    outputs, types, reports, phases, priorities, misspelt = shape
     values = [_NUMBERS.get(kind) or f"{int(kind[1:])}{_SIZED[kind[0]]}" for kind in types]
     is_plain = all(kind in _NUMBERS for kind in types)
     layout = struct.Struct(f"<{''.join(values)}{len(reports) + len(priorities)}H")
-    return _Layout(outputs, types, reports, phases, priorities, layout, is_plain)
+    return _Layout(outputs, types, reports, phases, priorities, misspelt, layout, is_plain)
 
 
 def _other(answer: Loaded | StartRefused | Failed) -> bytes:
@@ -317,7 +315,10 @@ def _done(packet: bytes) -> Done:
     said = numbers[len(numbers) - len(layout.reports) - len(layout.priorities) :]
     reports = tuple(zip(layout.reports, said, strict=False))
     priorities = tuple(zip(layout.priorities, said[len(reports) :], strict=True))
-    return Done(module, release, ended_ns, Result(outputs, values[count:], reports, layout.phases, priorities))
+    misspelt = tuple(zip(layout.misspelt[::2], layout.misspelt[1::2], strict=True)) if layout.misspelt else ()
+    return Done(
+        module, release, ended_ns, Result(outputs, values[count:], reports, layout.phases, priorities, misspelt)
+    )
 
 
 def _values(types: Iterable[str], numbers: Iterator[Any]) -> Iterator[Value]:

@@ -294,7 +294,8 @@ def an_emergency_is_proven_by_the_next_page_0() -> None:
     puppets.behave_normally()
     pe.flies(EVERYTHING)
     pe.run(1200)
-    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:gauge_sensor", "device:servo_motor", detail=3)
+    report = puppets.reporting("device:gauge_sensor", "device:servo_motor", detail=3)
+    puppets.BEHAVIOUR["helper"] = lambda ctx, inputs: {**report(ctx, inputs), "help": 1, "call": 0}
     began_ns = pe.run(200)
     assert pe.session is not None
     emcys = {one.frame.data for one in pe.main.since(began_ns, [emcy_id(NODE)])}

@@ -13,7 +13,7 @@ changes that: `lease` and `alive` of manager 126, and the page 0 of neighbour 93
 """
 
 from base64 import b64encode
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -34,6 +34,7 @@ from heronry_wire.management import (
     Activate,
     Alive,
     Emergency,
+    FaultCode,
     Lease,
     Ping,
     Prepare,
@@ -55,6 +56,7 @@ from heronry_wire.pe_table import (
 )
 from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.sdo import UPLOAD, with_data
+from heronry_wire.silence import Silence
 from heronry_wire.state_frames import (
     PeFlags,
     PeState,
@@ -230,6 +232,7 @@ class PeUnderTest(UnderTest):
             world=self.world,
             drive=lambda _: None,
             look=lambda _: None,
+            withheld=lambda _: None,
             move=lambda moved: self.drives.append(moved.t_ns),
             broken=self.broken,
             broke=lambda _: None,
@@ -358,13 +361,19 @@ class PeUnderTest(UnderTest):
         return self.data(actuator_echo_id(NODE), since_ns)
 
     def emergencies(self, since_ns: int) -> list[tuple[int, Emergency]]:
-        """Give every EMCY of the PE."""
-        found = []
+        """Give every EMCY of the PE, but those of silences (`stale`): most puppets give nothing."""
+        return [(t_ns, said) for t_ns, said in self._emcys(since_ns) if said.code is not FaultCode.STALE]
+
+    def stale(self, since_ns: int) -> list[tuple[int, int, Silence]]:
+        """Give the time, the index of the module, and what is silent, of each report of a silence."""
+        stale = [(t_ns, said) for t_ns, said in self._emcys(since_ns) if said.code is FaultCode.STALE]
+        return [(t_ns, said.index, Silence.of(said.detail)) for t_ns, said in stale]
+
+    def _emcys(self, since_ns: int) -> Iterator[tuple[int, Emergency]]:
         for t_ns, frame in self.main.since(since_ns, [emcy_id(NODE)]):
             said = decode_emergency(frame.data)
             assert not isinstance(said, Malformed)
-            found.append((t_ns, said))
-        return found
+            yield t_ns, said
 
     def object(self, index: int, sub_index: int = 0) -> int:
         """Read a number of the PE's object dictionary, of up to four bytes."""

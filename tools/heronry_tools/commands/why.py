@@ -72,6 +72,8 @@ def _text(spec: "Spec", found: "Explanation") -> str:
         lines += [f"  {_repair(spec, one)}" for one in found.repairs]
     elif found.reasons:
         lines.append("no returning element and no added capacity repairs it")
+    if found.shortfalls:
+        lines += ["less than the best, in it and upstream of it:", *(f"  {what}" for what in found.shortfalls)]
     return "\n".join(lines) + "\n"
 
 
@@ -81,7 +83,8 @@ def _headline(found: "Explanation") -> str:
     if not report.served:
         return f"{name} is not served{where}: {report.why_not}"
     if report.value >= found.best_value:
-        return f"{name} is served{where}, in its best mode: {report.mode}"
+        but = ", but not with the best upstream" if found.shortfalls else ""
+        return f"{name} is served{where}, in its best mode: {report.mode}{but}"
     return (
         f"{name} is served{where}, but only in mode {report.mode}: value {report.value} instead of {found.best_value}"
     )

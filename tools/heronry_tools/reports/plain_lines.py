@@ -107,6 +107,24 @@ _SENTENCES = dict(
             "bad",
         ),
         _says(
+            events.UnknownInput,
+            lambda e: f"module:{e.module} on {e.by} reads a misspelt input: the log of its agent names it",
+            "bad",
+        ),
+        _says(
+            events.InputSilent, lambda e: f"module:{e.module} on {e.by} gets no {e.variable} from {e.producer}", "fault"
+        ),
+        _says(
+            events.OutputSilent,
+            lambda e: f"module:{e.module} on {e.by} gives no {e.variable}, although its inputs are there",
+            "fault",
+        ),
+        _says(
+            events.SilenceOver,
+            lambda e: f"the {e.what} {e.variable} of module:{e.module} on {e.by} is no longer silent: {e.why}",
+            "good",
+        ),
+        _says(
             events.Disagreement,
             lambda e: f"two inputs of module:{e.module} disagree (detail {e.detail}), reported by {e.by}",
             "bad",

@@ -129,6 +129,7 @@ def _functions(functions: Mapping[str, Any]) -> Iterator[str]:
         else:
             state = f"NOT SERVED: {function['why_not']}"
         yield f"  {name:<16} {function['criticality']}  {state}"
+        yield from (f"    but {what}" for what in function.get("shortfalls", ()))
 
 
 def _plants(plants: Mapping[str, Any]) -> Iterator[str]:

@@ -25,6 +25,7 @@ _FAULTS = {  # in words, by the name of the code
     FaultCode.REPORTED.name: "a module there reports that it has failed",
     FaultCode.PARTITION_ENDED.name: "its process ended",
     FaultCode.MODULE_MISSING.name: "its code cannot be run there",
+    FaultCode.STALE.name: "it left out an output although its inputs were there, and its spec says `silent: fails`",
     HELD_CODE: "another manager announces it",
 }
 
@@ -109,12 +110,24 @@ def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
         if lacking:
             says = f"channel:{channel} carries nothing, as {', '.join(lacking)} report; the other channel works"
             yield Finding("channels", says, "check the wire of that channel, and the stub of each node named")
+    for silence in status["silences"]:
+        yield _silent(silence)
     for told in status["disagreements"]:
         says = f"two inputs of module:{told['module']} disagree, reported by {told['by']} (detail {told['detail']})"
         yield Finding("disagreement", says, "compare the two: heronry top")
     for phase in status["unwatched"]:
         says = f"no running module gives the variable that requests phase {phase}"
         yield Finding("phases", says, f"enter it yourself when it is time: heronry phase {phase}")
+
+
+def _silent(silence: Mapping[str, Any]) -> Finding:
+    who, variable = f"module:{silence['module']} on {silence['by']}", silence["variable"]
+    since = f"reported {silence['for_ns'] // _NS_PER_S} s ago"
+    if silence["what"] == "output":
+        says = f"{who} gives no {variable}, although its inputs are there ({since})"
+        return Finding("data", says, f"check the device and the code of {silence['module']}")
+    says = f"{who} gets no {variable} from {silence['producer']} ({since})"
+    return Finding("data", says, f"check what {silence['producer']} gives, and the way to {silence['by']}")
 
 
 def function_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:

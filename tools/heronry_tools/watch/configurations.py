@@ -12,6 +12,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan_document import PlanDocument
 from heronry_dg.plan_report import PeReport
+from heronry_dg.shortfalls import shortfalls
 from heronry_dg.situation import Situation
 from heronry_pcs.control_paths import control_paths
 from heronry_tools.watch.graph_marks import LiveGraphs, is_degraded
@@ -127,6 +128,9 @@ class Situations:
                 mode=None if told is None else told.mode,
                 value=0 if told is None and served is False else None if told is None else told.value,
                 why_not=why if told is None else told.why_not,
+                shortfalls=shortfalls(self._spec, running.configuration, serving, now.phase)
+                if served and serving
+                else (),
                 not_since_ns=(before.not_since_ns or snapshot.t_ns) if is_missing else None,
             )
         return found

@@ -58,6 +58,10 @@ _TOLD = (
     events.Agreement,
     events.UnknownElement,
     events.UnknownOutput,
+    events.UnknownInput,
+    events.InputSilent,
+    events.OutputSilent,
+    events.SilenceOver,
 )
 _COMMANDS = {management_id(node, command): (node, command) for node in MANAGER_NODES for command in Command}
 _TELL_NS = SLOT_NS * TELL_SLOTS

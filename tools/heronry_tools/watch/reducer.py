@@ -19,7 +19,7 @@ before the plan for this loss runs.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -34,6 +34,7 @@ from heronry_tools.watch.snapshot import (
     Fault,
     Outage,
     Script,
+    Silence,
     Snapshot,
     Source,
     Stage,
@@ -292,7 +293,7 @@ def _manager_seen(_: Spec, state: State, event: events.ManagerSeen) -> State:
 
 
 def _manager_started(_: Spec, state: State, event: events.ManagerStarted) -> State:
-    state = _with(state, phase=event.phase, epoch=None, next_epoch=None, faults=(), stage="starting")
+    state = _with(state, phase=event.phase, epoch=None, next_epoch=None, faults=(), silences=(), stage="starting")
     return _with_manager(
         state,
         state="listening",
@@ -305,7 +306,7 @@ def _manager_started(_: Spec, state: State, event: events.ManagerStarted) -> Sta
 
 
 def _taken_over(_: Spec, state: State, event: events.TakenOver) -> State:
-    state = _with(state, phase=event.phase, script=Script())  # a script ends with its mastership
+    state = _with(state, phase=event.phase, silences=(), script=Script())  # a script ends with its mastership
     return _with_manager(state, term=event.term, state="active")
 
 
@@ -325,6 +326,16 @@ def _fault_reported(_: Spec, state: State, event: events.FaultReported) -> State
 
 def _fault_cleared(_: Spec, state: State, event: events.FaultCleared) -> State:
     return _with(state, faults=tuple(one for one in state.snapshot.faults if one.element != event.element))
+
+
+def _silence(_: Spec, state: State, event: events.InputSilent | events.OutputSilent | events.SilenceOver) -> State:
+    silences, producer = state.snapshot.silences, event.producer if isinstance(event, events.InputSilent) else None
+    if isinstance(event, events.SilenceOver):
+        key = (event.module, event.by, event.what, event.variable)
+        return _with(state, silences=tuple(s for s in silences if (s.module, s.by, s.what, s.variable) != key))
+    what: Literal["input", "output"] = "output" if producer is None else "input"
+    silence = Silence(event.module, event.by, what, event.variable, producer, event.t_ns)
+    return _with(state, silences=(*silences, silence))
 
 
 def _module_restarted(spec: Spec, state: State, event: events.ModuleRestarted) -> State:
@@ -458,6 +469,9 @@ _STEPS: Mapping[type[Event], _Step] = dict(
         _on(events.PhaseChanged, _phase_changed),
         _on(events.FaultReported, _fault_reported),
         _on(events.FaultCleared, _fault_cleared),
+        _on(events.InputSilent, _silence),
+        _on(events.OutputSilent, _silence),
+        _on(events.SilenceOver, _silence),
         _on(events.ModuleRestarted, _module_restarted),
         _on(events.ModuleFailed, _module_failed),
         _on(events.StoodStill, _stood_still),

@@ -100,6 +100,7 @@ class Function:
     mode: str | None = None
     value: int | None = None
     why_not: str | None = None
+    shortfalls: tuple[str, ...] = ()  # what is less than the best in its output module and upstream of it
     not_since_ns: int | None = None  # since when it is wanted and not served
     heard: bool | None = None  # its outputs are heard on the manager's bus
     heard_ns: int | None = None  # its last output
@@ -136,6 +137,18 @@ class Fault:
     code: str | None = None
     detail: int | None = None
     since_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """An input of a running module that gets no data, or an output that it leaves out."""
+
+    module: str
+    by: str  # the PE of the module
+    what: Literal["input", "output"]
+    variable: str
+    producer: str | None = None  # of an input, the module that should give it
+    since_ns: int | None = None  # when it was reported
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +281,7 @@ class Snapshot:
     plants: Mapping[str, Plant] = field(default_factory=dict)
     script: Script = Script()
     faults: tuple[Fault, ...] = ()
+    silences: tuple[Silence, ...] = ()
     priorities: Mapping[str, int] = field(default_factory=dict)  # changed priorities, by function
     down: tuple[str, ...] = ()  # the elements that the situation lacks
     reconfigurations: tuple[Reconfiguration, ...] = ()  # the last ones, oldest first

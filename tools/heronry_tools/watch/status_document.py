@@ -5,13 +5,14 @@ another form nothing is used.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Literal
 
 from pydantic import TypeAdapter, ValidationError
 
 from heronry_manager.events import Status as StatusEvent
-from heronry_tools.watch.snapshot import Bus, Fault, Manager, Module, Pe, Script, Snapshot, Stage, Standing
+from heronry_tools.watch.snapshot import Bus, Fault, Manager, Module, Pe, Script, Silence, Snapshot, Stage, Standing
 
 _STAGES: Mapping[str | None, Stage] = {None: "starting", "done": "running"}
 
@@ -68,6 +69,16 @@ class _Link:
 
 
 @dataclass(frozen=True, slots=True)
+class _Silence:
+    module: str
+    by: str
+    what: Literal["input", "output"]
+    variable: str
+    producer: str | None
+    for_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class _Script:
     state: str
     why: str | None
@@ -90,6 +101,7 @@ class _Status:
     links: dict[str, _Link]
     channels: dict[str, list[str]]
     failures: list[_Failure]
+    silences: list[_Silence] = field(default_factory=list)  # an older manager tells none
 
 
 @cache
@@ -118,6 +130,10 @@ def from_status(snapshot: Snapshot, event: StatusEvent) -> Snapshot | None:
         stage="planning" if manager.planning else _STAGES.get(status.stage, "activating"),
         priorities={name: one.priority for name, one in status.priorities.items()},
         faults=tuple(Fault(one.element, one.by, one.code, one.detail, t_ns - one.for_ns) for one in status.latched),
+        silences=tuple(
+            Silence(one.module, one.by, one.what, one.variable, one.producer, t_ns - one.for_ns)
+            for one in status.silences
+        ),
         script=Script(status.script.state, status.script.why),
         pes={name: _pe(pe, status.pes.get(name)) for name, pe in snapshot.pes.items()},
         buses={name: _bus(name, bus, status) for name, bus in snapshot.buses.items()},

@@ -97,7 +97,13 @@ _NONCES = 8  # nonces of one PE that are remembered: an overheard answer may bel
 _ANSWERS = 40  # answers of one manager that wait for their TAG: it may answer all PEs together
 _HELD = 64  # EMCYs of one PE that wait for their proof
 _PROVEN = -1
-_SENT_ONCE = (FaultCode.RESET, FaultCode.DISAGREEMENT, FaultCode.UNKNOWN_ELEMENT, FaultCode.UNKNOWN_OUTPUT)
+_SENT_ONCE = (
+    FaultCode.RESET,
+    FaultCode.DISAGREEMENT,
+    FaultCode.UNKNOWN_ELEMENT,
+    FaultCode.UNKNOWN_OUTPUT,
+    FaultCode.UNKNOWN_INPUT,
+)
 _TOLD_EVERY_NS = 1_000_000_000
 _COMMAND_FRAMES = 2  # the command itself, and its TAG
 _IN_VAIN = 2  # RENEWs without effect, then an event: even a PE that was just restarted answers one of two

@@ -17,6 +17,7 @@ epochs at most: `next`, which is being prepared, and `current`, the last one who
     observation        what each PE runs, by its own reports
     advice             what a manager that only advises says instead
     held_outputs       which PEs hold exclusive outputs back, and why
+    silences           which inputs and outputs of what runs are silent
 
 *Who may change it.* `planning` opens and abandons epochs. Reports of PEs move an epoch on; only they say what a PE
 *runs*: a command never does. Which PEs an epoch waits for follows from `membership`.
@@ -41,6 +42,7 @@ from heronry_manager.core.epochs.epoch import STAGE_TRANSITIONS, Cause, Stage
 from heronry_manager.core.epochs.held_outputs import HeldOutputs
 from heronry_manager.core.epochs.numbering import EPOCHS_PER_TERM, NoTermError, next_term
 from heronry_manager.core.epochs.other_tables import ANOTHER_TABLE
+from heronry_manager.core.epochs.silences import Silences
 
 __all__ = [
     "ANOTHER_TABLE",
@@ -51,6 +53,7 @@ __all__ = [
     "Deployment",
     "HeldOutputs",
     "NoTermError",
+    "Silences",
     "Stage",
     "next_term",
 ]

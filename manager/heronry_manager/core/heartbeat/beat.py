@@ -43,7 +43,7 @@ class Beat:
     def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge) -> None:
         self._settings, self._turn, self._pes = settings, turn, settings.spec.pes
         self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
-        self._deployment, self._script = known.deployment, known.script
+        self._deployment, self._script, self._silences = known.deployment, known.script, known.silences
         self.begin()
 
     def begin(self) -> None:
@@ -66,6 +66,7 @@ class Beat:
         """Send a beat: LEASE, ALIVE, a PING to each suspect PE, and one fact to a standby manager, if a fact is due."""
         now_ns = self._turn.now_ns
         self._situation.beat()
+        self._silences.beat()
         suspects = [pe for pe in self._health.available() if self._health.standing(pe) is Standing.SUSPECT]
         lease = self._deployment.lease()
         self._turn.do(*self._beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))

@@ -6,8 +6,9 @@
     page 2    exists with a key: the PE requests a session, which this manager opens if it is active
     page 3    is used by `authenticity` alone
     EMCY      reports a fault, or requests a phase or a priority. Only an active manager takes such an EMCY, and
-              acknowledges it; the PE repeats the EMCY until it is acknowledged. A notice (`module_notices`) is not
-              acknowledged. An EMCY that reports a reset has no effect, since the incarnation shows the reset
+              acknowledges it; the PE repeats the EMCY until it is acknowledged. Notices (`module_notices`) and
+              silences (`silences`) are not acknowledged, unless a module fails by its silence. An EMCY that reports a
+              reset has no effect, since the incarnation shows the reset
 
 A page that cannot be decoded has no effect. When a manager that has fallen silent hears a page again, it forgets
 everything except what its journal holds (`memory`), and listens for T_lease.
@@ -61,7 +62,7 @@ class PeReports:
         self._beat, self._replanning, self._reactions = beat, replanning, reactions
         self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
         self._deployment, self._following, self._held_outputs = known.deployment, known.following, known.held_outputs
-        self._authenticity, self._details = known.authenticity, known.details
+        self._authenticity, self._details, self._silences = known.authenticity, known.details, known.silences
 
     def page(self, pe: str, page: StatePage | None) -> None:
         """Process a page of a PE's state; None: the page has come but is not believed."""
@@ -124,6 +125,12 @@ class PeReports:
             return
         if self._situation.noticed(pe, emergency):
             return
+        if emergency.code is FaultCode.STALE:
+            failed = self._silences.reported(pe, emergency)
+            if failed is not None:
+                self._reactions.take(self._situation.failed_there(failed, pe, emergency))
+                self._acknowledge(pe, emergency)
+            return
         if emergency.kind not in _REQUESTS:
             changes = self._situation.reported(pe, emergency)
         elif self._settings.advise and self._following.hears_lease():
@@ -140,6 +147,9 @@ class PeReports:
             self._beat.tell_phase()
         elif emergency.kind is ElementKind.PRIORITY:
             self._beat.tell_priority(emergency.index // PRIORITY_REQUEST_NUMBERS)
+        self._acknowledge(pe, emergency)
+
+    def _acknowledge(self, pe: str, emergency: Emergency) -> None:
         node = self._settings.spec.pes[pe].node_id
         told = Control(self._turn.term, node, Operation.ACKNOWLEDGE, *emergency.acknowledgement)
         self._turn.send(Command.CONTROL, told)

@@ -23,9 +23,11 @@ and changes none.
     links           by name of the radio: state, limit (per mille of its bit rate, with which the manager plans), usable
                     (per mille of its bit rate, as reported last), delivered (per cent), queued, dropped
     channels        channels of replicated buses, by name (can0.1): the nodes that hear nothing on the channel
+    silences        list of module, by, what ("input" or "output"), variable, producer (of an input; else null), for_ns
     disagreements   list of module (a comparator), by, detail
-    functions       by name: wanted, criticality, priority, served, mode, value, why_not; the last four are those of the
-                    epoch's plan. If the plan is not known, served, mode and value are null
+    functions       by name: wanted, criticality, priority, served, mode, value, why_not, shortfalls (what is less than
+                    the best in its output module and upstream of it); the last five are those of the epoch's plan. If
+                    the plan is not known, served, mode and value are null
     script          state (none, asked, held, refused, ended) and why
     buses           by name: bits_per_s and load, as planned
     other_tables    why a PE stages nothing, and what to do, by the PE's name
@@ -42,9 +44,10 @@ from typing import Any
 
 from heronry_dg.model import Function, Spec
 from heronry_dg.plan import Plan
+from heronry_dg.shortfalls import shortfalls
 from heronry_dg.situation import Situation
 from heronry_manager.core.authentication import Authenticity
-from heronry_manager.core.epochs import Deployment, HeldOutputs
+from heronry_manager.core.epochs import Deployment, HeldOutputs, Silences
 from heronry_manager.core.membership import Health
 from heronry_manager.core.memory import PriorityChanged
 from heronry_manager.core.reports.pe_details import PeDetails
@@ -66,6 +69,7 @@ def status(
     authenticity: Authenticity | None = None,
     details: PeDetails,
     held: HeldOutputs,
+    silences: Silences,
 ) -> dict[str, Any]:
     """Build the status document; `manager` and `script` are the values of its keys with these names."""
     current, plan, now = deployment.current, deployment.plan, situation.now()
@@ -95,8 +99,9 @@ def status(
         "failures": details.failures(),
         "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
         "channels": situation.channels.lost_by(),
+        "silences": silences.all(),
         "disagreements": [{"module": m, "by": pe, "detail": d} for m, pe, d in situation.disagreements.all()],
-        "functions": {f.name: _function(f, now, plan, unknown_epoch) for f in spec.functions.values()},
+        "functions": {f.name: _function(spec, f, now, plan, unknown_epoch) for f in spec.functions.values()},
         "script": dict(script),
         "buses": {} if plan is None else plan.document()["buses"],
         "other_tables": details.other_tables(),
@@ -133,7 +138,9 @@ def _link(record: LinkRecord) -> dict[str, Any]:
     }
 
 
-def _function(function: Function, now: Situation, plan: Plan | None, unknown_epoch: int | None) -> dict[str, Any]:
+def _function(
+    spec: Spec, function: Function, now: Situation, plan: Plan | None, unknown_epoch: int | None
+) -> dict[str, Any]:
     report = plan.functions[function.name] if plan is not None else None
     known, why_not = True, "nothing runs yet"
     if unknown_epoch is not None:
@@ -146,7 +153,16 @@ def _function(function: Function, now: Situation, plan: Plan | None, unknown_epo
         "mode": None if report is None else report.mode,
         "value": (0 if report is None else report.value) if known else None,
         "why_not": why_not if report is None else report.why_not,
+        "shortfalls": [] if plan is None else list(_shortfalls(spec, function, plan)),
     }
+
+
+def _shortfalls(spec: Spec, function: Function, plan: Plan) -> tuple[str, ...]:
+    running = plan.configuration
+    serving = next((output for output in function.outputs if output in running.modules), None)
+    if serving is None or not plan.functions[function.name].served:
+        return ()
+    return shortfalls(spec, running, serving, plan.now.phase)
 
 
 def _priority(one: PriorityChanged) -> dict[str, Any]:

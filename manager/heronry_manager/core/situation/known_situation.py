@@ -44,7 +44,13 @@ from heronry_manager.core.situation.changes import (
 from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
 from heronry_manager.core.situation.lost_channels import LostChannels
 from heronry_manager.core.situation.mission_phase import MissionPhase
-from heronry_manager.core.situation.module_notices import Disagreements, ModuleNotices, UnknownOutputs, UnknownReports
+from heronry_manager.core.situation.module_notices import (
+    Disagreements,
+    ModuleNotices,
+    UnknownInputs,
+    UnknownOutputs,
+    UnknownReports,
+)
 from heronry_manager.core.situation.radio_links import RadioLinks
 from heronry_manager.core.situation.restarts_told import RestartsTold
 from heronry_manager.core.situation.suspicions import Suspicions
@@ -80,6 +86,7 @@ class KnownSituation:
             FaultCode.DISAGREEMENT: self.disagreements,
             FaultCode.UNKNOWN_ELEMENT: UnknownReports(spec, turn),
             FaultCode.UNKNOWN_OUTPUT: UnknownOutputs(spec, turn),
+            FaultCode.UNKNOWN_INPUT: UnknownInputs(spec, turn),
         }
         self._suspicions = Suspicions(spec, turn, health)
         self._restarts = RestartsTold(spec, turn)
@@ -231,6 +238,10 @@ class KnownSituation:
         if kind == "bus":
             self._suspicions.bus(name, pe)
             return ()
+        return self.failed_there(element, pe, emergency)
+
+    def failed_there(self, element: str, pe: str, emergency: Emergency) -> Changes:
+        """Latch a fault that a PE reports of an element, or of a module's place on this PE; gives the changes."""
         element = self.failed.where(element, pe, emergency.code)
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 

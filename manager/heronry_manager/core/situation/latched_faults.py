@@ -24,13 +24,16 @@ from dataclasses import dataclass
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import is_place, module_of, places
-from heronry_wire.management import EVERYWHERE, ElementKind, FaultCode, element_field, kind_and_place
+from heronry_wire.element_places import element_field, kind_and_place
+from heronry_wire.management import EVERYWHERE, ElementKind, FaultCode
 
 OPERATOR_CODE = "OPERATOR"  # of a fault that no PE has reported: the element goes on running until a plan leaves it out
 HELD_CODE = "HOLDS"  # of a fault that another manager announces, without the PE that has reported it
 _OF_NO_PE = (OPERATOR_CODE, HELD_CODE)
 _KINDS = {kind.name.lower(): kind for kind in ElementKind}
-_FAILED_THERE = frozenset((FaultCode.MODULE_EXCEPTION, FaultCode.MODULE_OVERRUN, FaultCode.PARTITION_ENDED))
+_FAILED_THERE = frozenset(
+    (FaultCode.MODULE_EXCEPTION, FaultCode.MODULE_OVERRUN, FaultCode.PARTITION_ENDED, FaultCode.STALE)
+)
 _FAILED_CODES = frozenset(code.name for code in _FAILED_THERE)
 
 

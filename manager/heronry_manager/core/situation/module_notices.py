@@ -1,7 +1,7 @@
-"""Notices of modules that are not faults: inputs disagree, a report names an unknown element, an output is misspelt.
+"""Notices of modules that are not faults: inputs disagree, a report names an unknown element, a name is misspelt.
 
-    told    the PE of the module has sent the notice (EMCY, DISAGREEMENT, UNKNOWN_ELEMENT or UNKNOWN_OUTPUT) within the
-            last 3.5 s (CHANNEL_FORGOTTEN_NS)
+    told    the PE of the module has sent the notice (EMCY, DISAGREEMENT, UNKNOWN_ELEMENT, UNKNOWN_OUTPUT or
+            UNKNOWN_INPUT) within the last 3.5 s (CHANNEL_FORGOTTEN_NS)
     over    the PE has not sent the notice for so long
 
 A notice changes no plan. An event reports when a notice begins, and when a disagreement is over; `heronry status` lists
@@ -77,6 +77,13 @@ class UnknownReports(ModuleNotices):
 
     def _begun(self, module: str, by: str, detail: int) -> None:
         self._turn.emit(events.UnknownElement, module=module, by=by, detail=detail)
+
+
+class UnknownInputs(ModuleNotices):
+    """Remembers the modules that read an input under a misspelt name."""
+
+    def _begun(self, module: str, by: str, detail: int) -> None:  # noqa: ARG002 - it is always 0
+        self._turn.emit(events.UnknownInput, module=module, by=by)
 
 
 class UnknownOutputs(ModuleNotices):

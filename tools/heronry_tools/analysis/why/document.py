@@ -20,6 +20,7 @@ def document(spec: Spec, found: Explanation) -> dict[str, Any]:
         "value": found.report.value,
         "best_value": found.best_value,
         "why_not": found.report.why_not,
+        "shortfalls": list(found.shortfalls),
         "reasons": [{"kind": one.kind, "name": one.name, "text": in_words(spec, one)} for one in found.reasons],
         "logical": [sorted(down) for down in found.logical],
         "repairs": [

@@ -46,17 +46,17 @@ _PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_t
 # Modules in which a flight spends its time; others stay Python, whose tracebacks say more.
 _COMPILED = {
     "heronry_wire": "authentication canaerospace command_tags configuration_slice frame gateway_report "
-    "identifiers layout management packing protocol_times sansio state_frames timing",
+    "identifiers layout management packing protocol_times sansio silence state_frames timing",
     "heronry_agent": "module",
     "heronry_agent.core": "active_configuration agent authenticity canopen_node command_acceptance condition deadlines "
-    "exclusive_frames faults followed_manager gateway inbound link_meter mailboxes nonces output_authorization "
+    "exclusive_frames faults followed_manager gateway inbound link_meter mailboxes nonces notices output_authorization "
     "passing_welcomes phase_requests publishing radio_port radio_queue radios reporting restarts running_modules "
-    "schedule staging state_seal table_index turn vocabulary without_manager",
+    "schedule silence_reports silence_watch staging state_seal table_index turn vocabulary without_manager",
     "heronry_agent.parts": "reading",
-    "heronry_agent.shell": "devices module_runner start_orders",
+    "heronry_agent.shell": "devices module_runner reading_watch start_orders",
     "heronry_manager.core": "knowledge manager turn vocabulary",
     "heronry_manager.core.authentication": "authenticity",
-    "heronry_manager.core.epochs": "activation deployment epoch known_epochs observation",
+    "heronry_manager.core.epochs": "activation deployment epoch known_epochs observation silences",
     "heronry_manager.core.heartbeat": "announcing beacon beat",
     "heronry_manager.core.intake": "inbound pe_reports reactions succession",
     "heronry_manager.core.mastership": "claim following overheard",
@@ -75,7 +75,7 @@ _COMPILED = {
     "heronry_tools.sim.oracles": "authenticity availability blame channels checks configurations end_state "
     "epochs exclusion frames freshness journal known liveness load oracle orphans phase places planned_load priorities "
     "progress proven_commands proven_states publishing queues radio registry active_term safe_mode scripts service "
-    "silence solitude terms transitions violation",
+    "silence solitude stale terms transitions violation",
     "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host module_steps node pe_outbox "
     "plant_view simulated_manager simulated_pe station steps_seen",
 }

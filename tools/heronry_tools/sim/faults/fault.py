@@ -39,6 +39,8 @@ What is promised, what is not, and why:
   other's frames until their controllers are bus-off.
 - `raise` and `unfit` make a module fail, also after a restart, until its PE gives the module up. If the module drove an
   actuator, a monitor that does not know which module drives this actuator may report the idle actuator as stuck.
+- `silent`: a module is stepped and gives nothing, like a driver whose device gives nothing. Its PE and those of its
+  readers must tell so (oracle `stale`). A module with `silent: fails` counts as failed on this PE then.
 - No kind of fault has an actuator as its target: without a monitor no node can know whether a surface moves.
 - `manager_cut`, `manager_deaf`, `manager_loose`: a manager that hears no PE loses some PEs before the others, and plans
   without them, although they are healthy. So a function may fall silent, and rule `silence` is not promised. (When the
@@ -258,6 +260,13 @@ KINDS: Mapping[str, Kind] = {
     "raise": Kind("module", (0, 0), "a module raises an exception", for_good=1.0),
     "unfit": Kind("module", (0, 0), "a module gives a value outside its type's range", for_good=1.0),
     "wrong": Kind("module", (100, 2000), "a value of a module is wrong by 40, or in one bit", excuses=True),
+    "silent": Kind(
+        "module",
+        (400, 3000),
+        "a module gives no data (level: only this one of its outputs, from 1, is left out)",
+        levels=(0, 1),
+        drawn=False,
+    ),
     "overrun": Kind("module", (50, 1000), "every step of a module takes 30 ms"),
     "missing": Kind("place", (0, 0), "the code of a module is missing on a PE", for_good=1.0, drawn=False),
     "dead": Kind("device", (0, 0), "a sensor does not answer", for_good=1.0),
@@ -287,6 +296,7 @@ LEVELS: Mapping[str, tuple[int, int]] = {
     "collapse": (2, 100),
     "babble": (0, STANDARD_MASK),
     "order_storm": (1, 1000),
+    "silent": (0, 15),
     **dict.fromkeys(DENIALS, (1, 50)),
 }
 """Lowest and highest level, for the kinds that have levels."""

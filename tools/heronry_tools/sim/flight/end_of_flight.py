@@ -28,13 +28,14 @@ def end_flight(simulation: Simulation, injections: Injections, targets: Iterable
     silences = simulation.checks.silences(injections.injected, simulation.now_ns)
     violations = simulation.settle()
     stopped = simulation.checks.stopped(targets, range(start_ns, simulation.now_ns))
-    return violations + silences + stopped + _denied(simulation, injections, targets, start_ns)
+    return violations + silences + stopped + _missed(simulation, injections, targets, start_ns)
 
 
-def _denied(simulation: Simulation, injections: Injections, targets: Collection[str], start_ns: int) -> list[Violation]:
+def _missed(simulation: Simulation, injections: Injections, targets: Collection[str], start_ns: int) -> list[Violation]:
     faults = list(injections.state_of)
     has_others = set(targets) != {fault.target for fault in faults}
-    return simulation.checks.denials(faults, range(start_ns, simulation.now_ns), has_others=has_others)
+    denied = simulation.checks.denials(faults, range(start_ns, simulation.now_ns), has_others=has_others)
+    return denied + simulation.checks.untold(faults, has_others=has_others)
 
 
 def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:

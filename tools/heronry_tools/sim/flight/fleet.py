@@ -86,6 +86,7 @@ class Fleet:
             world=self._world,
             drive=self._checks.driven,
             look=self._checks.looked,
+            withheld=self._checks.withheld,
             move=self._checks.moved,
             broken=self.broken_modules,
             broke=lambda module: self._truth.broke(module, pe),

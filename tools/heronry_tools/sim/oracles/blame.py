@@ -24,7 +24,8 @@ from heronry_tools.sim.oracles.places import Places
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.frame import Malformed
-from heronry_wire.management import ElementKind, Emergency, decode_emergency
+from heronry_wire.management import ElementKind, Emergency, FaultCode, decode_emergency
+from heronry_wire.silence import Silence
 
 _REPORTS_NO_FAULT = (
     "RESET",
@@ -33,6 +34,7 @@ _REPORTS_NO_FAULT = (
     "DISAGREEMENT",
     "UNKNOWN_ELEMENT",
     "UNKNOWN_OUTPUT",
+    "UNKNOWN_INPUT",
     "MODULE_RESTARTED",
     "CHANNEL_LOST",
     "CHANNEL_BACK",
@@ -46,6 +48,7 @@ class BlameCheck(Oracle):
         """Begin without reports; the order of elements in `spec` gives the indices in EMCYs."""
         super().__init__()
         self._places = Places(spec)
+        self._modules = list(spec.modules.values())
         self._compared = _compared(spec)
         self._reported: dict[str, Violation] = {}
         self._cleared: dict[str, Violation] = {}  # elements that were rightly reported, and have been cleared since
@@ -78,8 +81,18 @@ class BlameCheck(Oracle):
             return None, 0
         if emergency.kind in (ElementKind.PE, ElementKind.BUS):  # a suspicion, which the manager assesses
             return None, 0
+        if emergency.code is FaultCode.STALE and not self._fails(emergency):
+            return None, 0
         element = self._places.reported(sent.sender, emergency)
         return element or f"{emergency.kind.name.lower()}:{emergency.index}", emergency.detail
+
+    def _fails(self, emergency: Emergency) -> bool:
+        """Tell whether a module counts as failed by a report of a silence: its output is silent, and the spec says so.
+
+        `stale` verifies all reports of silences.
+        """
+        silence, module = Silence.of(emergency.detail), self._modules[emergency.index]
+        return silence.is_output and not silence.is_over and module.silent == "fails"
 
     @property
     def reported(self) -> dict[str, int]:

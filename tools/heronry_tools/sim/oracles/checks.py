@@ -22,7 +22,7 @@ from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Clash, Sent
 from heronry_tools.sim.world.planning_seen import PlanningSeen
 from heronry_tools.sim.world.replicated_port import Copy
-from heronry_tools.sim.world.steps_seen import Driven, Moved
+from heronry_tools.sim.world.steps_seen import Driven, Moved, Withheld
 from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.authentication import Key
 from heronry_wire.pe_table import PeTable
@@ -54,6 +54,7 @@ class Checks:
         self._of_driving = listeners(self._oracles, "driven")
         self._of_looks = listeners(self._oracles, "looked")
         self._of_moves = listeners(self._oracles, "moved")
+        self._of_withheld = listeners(self._oracles, "withheld")
         self._of_planning = listeners(self._oracles, "planning")
         self._inspections: list[Violation] = []
 
@@ -63,6 +64,7 @@ class Checks:
         From now on the caller must not call `see`. What the oracles record after this call has no meaning.
         """
         self._of_copies = self._of_channels = self._of_driving = self._of_looks = self._of_moves = ()
+        self._of_withheld = ()
 
     # What is seen
 
@@ -103,6 +105,11 @@ class Checks:
         for oracle in self._of_looks:
             oracle.looked(stepped)
 
+    def withheld(self, step: Withheld) -> None:
+        """Report to the oracles a step of a module that leaves out an output of its mode."""
+        for oracle in self._of_withheld:
+            oracle.withheld(step)
+
     def planning(self, seen: PlanningSeen) -> None:
         """Report to the oracles that a manager has requested a plan, or is given the answer to a request."""
         for oracle in self._of_planning:
@@ -115,6 +122,16 @@ class Checks:
         self._known.solitude.split(t_ns, bus)
         for oracle in self._oracles:
             oracle.bus_split(t_ns, bus, is_split)
+
+    def silenced(self, t_ns: int, module: str, output: int) -> None:
+        """Report to the oracles that a module ceases to give an output, counted from 1 in its mode; 0: all of them."""
+        for oracle in self._oracles:
+            oracle.silenced(t_ns, module, output)
+
+    def unsilenced(self, module: str) -> None:
+        """Report to the oracles that a module gives all its outputs again."""
+        for oracle in self._oracles:
+            oracle.unsilenced(module)
 
     def altered(self) -> None:
         """Report to the oracles that from now on data frames are altered in a way that their CRC does not detect."""
@@ -291,6 +308,16 @@ class Checks:
         """
         check = self._known.availability
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
+
+    def untold(self, faults: Collection[Fault], *, has_others: bool) -> list[Violation]:
+        """Return a violation for each silence of a module that no PE has reported in time.
+
+        The list is empty if any fault was something other than the silence of a module (`stale`).
+
+        faults, has_others: as in `denials`
+        """
+        only_silent = all(fault.kind == "silent" for fault in faults)
+        return self._known.stale.untold() if only_silent and not has_others else []
 
     def stopped(self, targets: Iterable[str], span_ns: range) -> list[Violation]:
         """Return a violation for each function that fell silent without a permitted reason.

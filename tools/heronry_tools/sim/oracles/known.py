@@ -22,6 +22,7 @@ from heronry_tools.sim.oracles.scripts import ScriptCheck
 from heronry_tools.sim.oracles.service import ServiceCheck
 from heronry_tools.sim.oracles.silence import LeftOut
 from heronry_tools.sim.oracles.solitude import Solitude
+from heronry_tools.sim.oracles.stale import StaleCheck
 from heronry_tools.sim.oracles.terms import TermCheck
 from heronry_wire.authentication import Key
 from heronry_wire.pe_table import PeTable
@@ -52,4 +53,5 @@ class Known:
         self.priorities = PriorityCheck(spec, self.service.prioritized)
         self.scripts = ScriptCheck()
         self.availability = None if key is None else AvailabilityCheck(spec)
+        self.stale = StaleCheck(spec, self.commanded, self.epochs)
         self.planned_load = PlannedLoadCheck(spec)

@@ -19,6 +19,12 @@ PATIENCE_PERIODS = 25
 FRESH_PERIODS = 3
 """Age, in periods of its source, at which a datum counts as absent."""
 
+SILENT_PERIODS = 5
+"""Periods of its source without a datum after which an input counts as silent, but at least T_lease."""
+
+SILENCE_REPORT_NS = 1_000_000_000
+"""Period in which a PE reports again that an input or output is silent."""
+
 HOLD_DOWN_PERIODS = 10
 """Heartbeat periods of a PE's first hold-down; each loss doubles the next hold-down."""
 

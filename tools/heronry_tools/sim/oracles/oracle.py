@@ -16,7 +16,7 @@ from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning_seen import PlanningSeen
 from heronry_tools.sim.world.replicated_port import Copy
-from heronry_tools.sim.world.steps_seen import Driven, Moved
+from heronry_tools.sim.world.steps_seen import Driven, Moved, Withheld
 from heronry_wire.frame import Malformed
 from heronry_wire.management import Emergency, ManagementMessage
 from heronry_wire.state_frames import StatePage0
@@ -145,10 +145,19 @@ class Oracle:
         Only every eighth of these steps that have inputs is reported (`world.steps_seen`).
         """
 
+    def withheld(self, step: Withheld) -> None:
+        """Called when a PE executes a step of a module that leaves out an output of its mode."""
+
     # What is done to the aircraft, reported by the code that does it
 
     def bus_split(self, t_ns: int, bus: str, is_split: bool) -> None:
         """Called when a bus has broken in the middle (`is_split`), or was repaired."""
+
+    def silenced(self, t_ns: int, module: str, output: int) -> None:
+        """Called when a module (on one PE: NAME@PE) ceases to give an output, counted from 1 in its mode; 0: all."""
+
+    def unsilenced(self, module: str) -> None:
+        """Called when a module (on one PE: NAME@PE) gives all its outputs again."""
 
     def altered(self) -> None:
         """Called when data frames begin to be altered in a way that their CRC does not detect."""

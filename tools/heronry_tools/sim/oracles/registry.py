@@ -38,6 +38,7 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
     lambda known: known.priorities,
     lambda known: known.scripts,
     lambda known: known.blame,
+    lambda known: known.stale,
     lambda known: known.planned_load,
     lambda known: known.availability,
     lambda known: None if known.key is None else AuthenticityCheck(known.spec, known.key),

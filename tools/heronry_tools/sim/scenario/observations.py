@@ -23,6 +23,8 @@ _REPORTS_NO_FAULT = (
     FaultCode.DISAGREEMENT,
     FaultCode.UNKNOWN_ELEMENT,
     FaultCode.UNKNOWN_OUTPUT,
+    FaultCode.UNKNOWN_INPUT,
+    FaultCode.STALE,
     FaultCode.MODULE_RESTARTED,
     FaultCode.CHANNEL_BACK,
 )

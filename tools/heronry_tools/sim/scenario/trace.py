@@ -43,6 +43,13 @@ _LINES: Mapping[type[events.Event], Callable[[Any], str]] = dict(
             events.UnknownOutput,
             lambda e: f"module:{e.module} on {e.by} gives a misspelt output: the log of its agent names it",
         ),
+        on(
+            events.UnknownInput,
+            lambda e: f"module:{e.module} on {e.by} reads a misspelt input: the log of its agent names it",
+        ),
+        on(events.InputSilent, lambda e: f"module:{e.module} on {e.by} gets no {e.variable} from {e.producer}"),
+        on(events.OutputSilent, lambda e: f"module:{e.module} on {e.by} gives no {e.variable}"),
+        on(events.SilenceOver, lambda e: f"the {e.what} {e.variable} of module:{e.module} on {e.by}: {e.why}"),
         on(events.Disagreement, lambda e: f"two inputs of module:{e.module} disagree, reported by {e.by}"),
         on(events.Agreement, lambda e: f"the inputs of module:{e.module} agree again"),
         on(events.PriorityChanged, lambda e: f"priority {e.priority} of {e.function}, requested by {e.by}"),

@@ -75,4 +75,6 @@ class ModuleHost:
         if isinstance(result, Failure):
             return StepFailed(action.module, action.release, *result)
         said = result.outputs, result.writes, result.reports, result.phases
-        return Stepped(action.module, action.release, *said, priorities=result.priorities)
+        return Stepped(
+            action.module, action.release, *said, priorities=result.priorities, misspelt_inputs=result.misspelt
+        )

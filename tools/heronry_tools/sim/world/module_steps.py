@@ -2,8 +2,8 @@
 
 The faults:
 
-    broken   a module raises an error, gives a value that is wrong or outside its type's range, overruns, or requests a
-             phase
+    broken   a module raises an error, gives nothing, gives a value that is wrong or outside its type's range, overruns,
+             or requests a phase
     stuck    the steps of all modules of the PE hang
     slow     the processor of the PE is slow
 
@@ -12,7 +12,7 @@ not reported, as on a real node. While a step is late, further steps of its part
 the time limit that the core has set for it (`until_ns`), it is not executed, as in a real partition.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from random import Random
 from typing import Protocol
@@ -22,6 +22,7 @@ from heronry_agent.core.vocabulary import (
     Event,
     MeasureStep,
     ModuleEvent,
+    StartModule,
     StepFailed,
     StepMeasured,
     StepModule,
@@ -31,10 +32,11 @@ from heronry_agent.module import Value
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.module_host import ModuleHost
-from heronry_tools.sim.world.steps_seen import Driven
+from heronry_tools.sim.world.steps_seen import Driven, Withheld
 from heronry_wire.pe_table import PeTable
 
 OVERRUN_NS = 30_000_000
+SILENT = "silent "  # in `broken`: the module leaves out the output whose number, from 1, follows; 0: all of them
 ASKS = "asks "  # in `broken`: the module requests the phase whose name follows
 
 _LOOKED_AT_EVERY = 8
@@ -72,6 +74,7 @@ class ModuleSteps:
         *,
         drive: Callable[[Driven], None],
         look: Callable[[Driven], None],
+        withheld: Callable[[Withheld], None],
         broken: Mapping[str, str],
         broke: Callable[[str], None],
     ) -> None:
@@ -79,13 +82,15 @@ class ModuleSteps:
 
         drive: is called with every step of a module that drives an actuator, or is a branch of a DEMUX.
         look: is called with every eighth of the other steps that have inputs, so that oracles see some of them.
+        withheld: is called with every step that leaves out an output of its module's mode.
         broken: how a module fails in its steps, or which phase it requests (ASKS and the phase); by the name of
             the module or, for one PE, by NAME@PE.
         broke: is called with the name of a module that has raised an error, or given a value outside the range of
             its type.
         """
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
-        self._drive, self._look = drive, look
+        self._drive, self._look, self._withheld = drive, look, withheld
+        self._gives: dict[int, Collection[str]] = {}  # by running module: the outputs of its mode
         self._broken, self._broke = broken, broke
         self._pe = table.name
         self.names = {module.index: module.name for module in table.modules}
@@ -119,8 +124,13 @@ class ModuleSteps:
             return None
         how = self._broken_as(self.names[action.module]) if self._broken else None
         if how is not None:
-            return self._fail(action, how)
+            failed = self._fail(action, how)
+            if type(failed) is Stepped:
+                self._tell_withheld(action, failed)
+            return failed
         answer = self._host.carry_out(action, self._time.now_ns())
+        if type(answer) is Stepped and len(answer.outputs) < len(self._gives[action.module]):
+            self._tell_withheld(action, answer)
         if self.slow is not None:
             self._processor.pause(self.slow.randrange(_SLOWEST_NS))
         return answer
@@ -168,6 +178,16 @@ class ModuleSteps:
             if self._others % _LOOKED_AT_EVERY == 0:
                 self._look(Driven(now_ns, self._pe, self.names[action.module], action.inputs, requested_ns))
 
+    def started(self, action: StartModule) -> None:
+        """Note the mode in which a module is started."""
+        self._gives[action.module] = action.entry.modes[action.mode].gives
+
+    def _tell_withheld(self, action: StepModule, answer: Stepped) -> None:
+        missing = frozenset(self._gives[action.module]).difference(answer.outputs)
+        if missing:
+            has = frozenset(variable for variable, datum in action.inputs.values() if datum.valid)
+            self._withheld(Withheld(self._clock.now_ns, self._pe, self.names[action.module], missing, has))
+
     def _fail(self, action: StepModule, how: str) -> ModuleEvent | None:
         name = self.names[action.module]
         answer = self._host.carry_out(action, self._time.now_ns())
@@ -180,6 +200,10 @@ class ModuleSteps:
             self._broke(name)
             unfit = dict.fromkeys(answer.outputs, "what no such type can carry")
             return Stepped(action.module, action.release, unfit)
+        if how.startswith(SILENT) and isinstance(answer, Stepped):
+            return answer._replace(
+                outputs=_without(answer.outputs, int(how.removeprefix(SILENT)), self._gives[action.module])
+            )
         if how.startswith(ASKS) and isinstance(answer, Stepped):
             return answer._replace(phases=(how.removeprefix(ASKS),))
         if how == "raise":
@@ -205,6 +229,12 @@ class ModuleSteps:
                 answer = self.step(action)
                 if answer is not None:
                     self._processor.give(answer)
+
+
+def _without(outputs: Mapping[str, Value], number: int, of_mode: Collection[str]) -> Mapping[str, Value]:
+    """Return the outputs of a step without the one with this number, from 1, in the mode; 0: none is left."""
+    left_out = tuple(of_mode)[number - 1 : number] if number else tuple(of_mode)
+    return {variable: value for variable, value in outputs.items() if variable not in left_out}
 
 
 def _off(value: Value) -> Value:

@@ -23,6 +23,7 @@ from heronry_agent.core.vocabulary import (
     Left,
     MeasureStep,
     ModuleEvent,
+    StartModule,
     StepModule,
 )
 from heronry_agent.module import Module
@@ -38,7 +39,7 @@ from heronry_tools.sim.world.node import VALIDATED_EVERY, Node
 from heronry_tools.sim.world.pe_outbox import PeOutbox
 from heronry_tools.sim.world.plant_view import PlantView
 from heronry_tools.sim.world.replicated_port import Copy
-from heronry_tools.sim.world.steps_seen import Driven, Moved
+from heronry_tools.sim.world.steps_seen import Driven, Moved, Withheld
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
@@ -64,6 +65,7 @@ class SimulatedPe(Node):
         world: PlantOfDevices,
         drive: Callable[[Driven], None],
         look: Callable[[Driven], None],
+        withheld: Callable[[Withheld], None],
         move: Callable[[Moved], None],
         broken: Mapping[str, str],
         broke: Callable[[str], None],
@@ -75,6 +77,7 @@ class SimulatedPe(Node):
         buses: the channels of each bus, by the name of the bus
         drive: is called with every step of a module that drives an actuator, or is a branch of a DEMUX
         look: is called with every eighth of the other steps that have inputs
+        withheld: is called with every step that leaves out an output of its module's mode
         move: is called when the PE allows a device to move
         broken: how a module fails in its steps, or which phase it requests (ASKS and the phase); by the name of
             the module or, for one PE, by NAME@PE
@@ -94,7 +97,16 @@ class SimulatedPe(Node):
             table, incarnation, time.now_ns(), missing_images=missing, secret=secret, every_echo=has_room
         )
         self.steps = ModuleSteps(
-            clock, time, table, self._host, self, drive=drive, look=look, broken=broken, broke=broke
+            clock,
+            time,
+            table,
+            self._host,
+            self,
+            drive=drive,
+            look=look,
+            withheld=withheld,
+            broken=broken,
+            broke=broke,
         )
         self.modules = tuple(self.steps.names.values())  # modules that may run here
         # The one plant needs no output echoes; but a gateway must forward them.
@@ -232,6 +244,8 @@ class SimulatedPe(Node):
             return None
         if isinstance(action, EndPartition):
             self.steps.end(action.partition)
+        elif isinstance(action, StartModule):
+            self.steps.started(action)
         return self._host.carry_out(action, self.time.now_ns())
 
     def _channels_lost(self, port: int, lost: frozenset[int]) -> None:

@@ -1,7 +1,8 @@
 """The reports of a simulated PE about its modules: observed steps, and orders to devices.
 
 Every step of a module that drives an actuator, or is a branch of a DEMUX, is reported with its inputs (`Driven`). Of
-all other steps with inputs, every eighth is reported. Every command that the PE passes to a device is reported
+all other steps with inputs, every eighth is reported. Every step that leaves out an output of its mode is
+reported (`Withheld`). Every command that the PE passes to a device is reported
 (`Moved`). After a step, the command to the module's device may come much later, or never.
 """
 
@@ -17,6 +18,19 @@ class Moved(NamedTuple):
     t_ns: int
     pe: str
     module: str
+
+
+class Withheld(NamedTuple):
+    """A step of a module that has left out outputs of its mode.
+
+    missing: the outputs left out. inputs: variables of which the step had a usable datum.
+    """
+
+    t_ns: int
+    pe: str
+    module: str
+    missing: frozenset[str]
+    inputs: frozenset[str]
 
 
 class Driven(NamedTuple):

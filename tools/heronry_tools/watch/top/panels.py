@@ -9,7 +9,18 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
-from heronry_tools.watch.snapshot import Budget, Bus, Function, Module, Pe, Plant, Reconfiguration, Snapshot, Told
+from heronry_tools.watch.snapshot import (
+    Budget,
+    Bus,
+    Function,
+    Module,
+    Pe,
+    Plant,
+    Reconfiguration,
+    Silence,
+    Snapshot,
+    Told,
+)
 
 _STANDING = {
     "up": ("U", "green"),
@@ -69,6 +80,7 @@ def head(view: Snapshot) -> list[Text]:
     lines += [Text(f"lost: {name} <- {one.why_not}", "bold red") for name, one in lost[:_LOST_IN_HEAD] if view.epoch]
     notes = [] if view.knows_why else ["the bus alone: no causes are known"]
     notes += [f"{fault.element} failed ({fault.by})" for fault in view.faults]
+    notes += [f"{one.module} {_silent(one)}" for one in view.silences]
     is_open = [name for name, plant in view.plants.items() if plant.state not in ("on_path", None)]
     notes += [f"the loop through {name} is open" for name in is_open]
     notes += [f"{view.lost_lines} events missed"] if view.lost_lines else []
@@ -76,6 +88,10 @@ def head(view: Snapshot) -> list[Text]:
     if notes:
         lines.append(Text("! " + "; ".join(notes), "yellow"))
     return lines
+
+
+def _silent(one: Silence) -> str:
+    return f"gives no {one.variable}" if one.what == "output" else f"gets no {one.variable} from {one.producer}"
 
 
 def buses(view: Snapshot, width: int) -> list[Text]:
@@ -162,6 +178,7 @@ def _function(view: Snapshot, name: str, one: Function) -> Text:
         line.append(f"lost {seconds(since)} <- {one.why_not or 'the bus does not tell why'}", colour)
     elif one.served:
         line.append(f"{one.mode}" + (" (not heard)" if one.heard is False else ""))
+        line.append(f" <- {one.shortfalls[0]}" if one.shortfalls else "", "yellow")
     else:
         line.append(one.why_not or "", colour)
     return line
@@ -240,8 +257,8 @@ def _told(view: Snapshot, told: Told) -> Text:
 def details(view: Snapshot, look: Look) -> Iterator[str]:
     """Give the details that a page shows, as lines of text.
 
-    These are all that is known of the selected PE and of the last reconfiguration. At the end, each wanted function
-    that is not served is listed with the reason.
+    These are all that is known of the selected PE and of the last reconfiguration. At the end come what is silent, what
+    is less than the best upstream of the functions, and the wanted functions that are not served, with the reasons.
     """
     pe = view.pes.get(look.selected)
     if pe is not None:
@@ -278,6 +295,10 @@ def details(view: Snapshot, look: Look) -> Iterator[str]:
         for outage in last.outages:
             gap = "still silent" if outage.to_ns is None else f"{(outage.to_ns - outage.from_ns) / 1e6:.0f} ms"
             yield f"  {outage.function} was not heard: {gap}"
+    for silence in view.silences:
+        yield f"{silence.module} on {silence.by} {_silent(silence)}"
+    for name, one in view.functions.items():
+        yield from (f"{name} is served, but {what}" for what in one.shortfalls)
     unserved = [(name, one) for name, one in view.functions.items() if one.wanted and one.served is False]
     if unserved:
         yield ""

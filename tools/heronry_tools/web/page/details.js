@@ -90,7 +90,7 @@ const TELL = {
       function: name,
       facts: {
         state: one.wanted ? WORDS[state] : "not wanted in this phase", why: one.why_not, "served by": facts.functions[name].outputs.filter((output) => snapshot.modules[output].pe).join(", "),
-        mode: one.mode, value: one.value, criticality: one.criticality, priority: one.priority,
+        mode: one.mode, value: one.value, "less than the best": one.shortfalls.join("; ") || null, criticality: one.criticality, priority: one.priority,
         "on the bus": one.heard === null ? null : one.heard ? "heard" : "not heard", "last output": one.heard_ns === null ? null : clock(one.heard_ns, snapshot.began_ns),
         "not served since": one.not_since_ns === null ? null : clock(one.not_since_ns, snapshot.began_ns), "one of": facts.functions[name].outputs.join(", "),
       },

@@ -28,7 +28,7 @@ export function opened() {
 }
 
 export function show() {
-  const { told, faults, began_ns } = store.snapshot;
+  const { told, faults, silences, began_ns } = store.snapshot;
   const text = byId("events-text").value.trim().toLowerCase();
   const rows = [];
   for (let at = told.length - 1; at >= 0; at -= 1) {
@@ -41,7 +41,14 @@ export function show() {
   list(byId("events"), rows.slice(0, most), (row) => row.number, (row) =>
     h("tr", { class: row.severity, "data-event": row.event, "data-number": row.number },
       h("td", {}, clock(row.t_ns, began_ns)), h("td", {}, badge(row.severity)), h("td", {}, row.sentence)));
-  list(byId("faults"), faults.map((fault) => ({ ...fault, seen: isSeen(fault) })), (fault) => fault.element, faultCard);
+  const cards = [...faults.map((fault) => ({ ...fault, seen: isSeen(fault) })), ...silences.map((one) => ({ ...one, element: `${one.module} ${one.by} ${one.what} ${one.variable}` }))];
+  list(byId("faults"), cards, (card) => card.element, (card) => (card.what ? silenceCard(card) : faultCard(card)));
+}
+
+function silenceCard(one) {
+  const said = one.what === "output" ? `gives no ${one.variable}, although its inputs are there` : `gets no ${one.variable} from ${one.producer}`;
+  return h("div", { class: "card fault", "data-silence": one.element },
+    badge("warning"), h("b", {}, one.module), h("span", { class: "muted" }, `on ${one.by} ${said}, reported ${clock(one.since_ns, store.snapshot.began_ns)}`));
 }
 
 const nameOf = (fault) => `${store.facts.digest.slice(0, 12)} ${fault.element} ${fault.since_ns}`;

@@ -26,6 +26,7 @@ function text(one, t_ns) {
     return `lost ← ${one.why_not ?? "no cause is known"}${since}`;
   }
   const silent = one.heard === false ? " · not heard on the bus" : "";
-  return `${one.mode ?? ""} · value ${one.value ?? "–"}${silent}`;
+  const less = one.shortfalls.length ? ` · but ${one.shortfalls[0]}` : "";
+  return `${one.mode ?? ""} · value ${one.value ?? "–"}${silent}${less}`;
 }
 

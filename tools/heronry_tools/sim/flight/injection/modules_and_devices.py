@@ -1,10 +1,11 @@
-"""Faults of modules and devices: they fail, overrun, or give a wrong value."""
+"""Faults of modules and devices: they fail, overrun, or give a wrong value or none."""
 
 from random import Random
 
 from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.flight.injection.inject import End, Inject, nothing
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.world.module_steps import SILENT
 
 _BIAS = 40.0
 
@@ -18,6 +19,18 @@ def _module(simulation: Simulation, fault: Fault, _: Random) -> End:
         broken.pop(fault.name, None)
 
     return end
+
+
+def _silent(simulation: Simulation, fault: Fault, random: Random) -> End:
+    end = _module(simulation, fault, random)
+    simulation.fleet.broken_modules[fault.name] = f"{SILENT}{fault.level}"
+    simulation.checks.silenced(simulation.now_ns, fault.name, fault.level)
+
+    def speak() -> None:
+        end()
+        simulation.checks.unsilenced(fault.name)
+
+    return speak
 
 
 def _missing(simulation: Simulation, fault: Fault, _: Random) -> End:
@@ -41,6 +54,7 @@ ON_MODULES_AND_DEVICES: dict[str, Inject] = {
     "unfit": _module,
     "wrong": _module,
     "overrun": _module,
+    "silent": _silent,
     "missing": _missing,
     "dead": _dead,
     "bias": _bias,
