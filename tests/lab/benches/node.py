@@ -107,18 +107,19 @@ def _measured(period_ms: int, seconds: float, *, is_full: bool = False) -> Cost:
 
 
 def _fill(path: str, seconds: float) -> None:
-    """Send state frames of all other PEs; a single sender leaves gaps, in which it waits for its next turn."""
-    data = StatePage0(PeState.UNCONFIGURED, PeFlags(0), 0, 0, 0, 0).encode()
+    """Send state frames of all other PEs; a single sender leaves gaps, in which it waits for its next turn.
+
+    Each state names another epoch, so that the agent needs all of them.
+    """
+    states = cycle([StatePage0(PeState.UNCONFIGURED, PeFlags(0), 0, epoch, 0, 0).encode() for epoch in range(1 << 16)])
     end_s = time.monotonic() + seconds
     with ExitStack() as stack:
         senders = [stack.enter_context(SoftBus(path, [])) for _ in range(_SENDERS)]
-        messages = [
-            (sender, can.Message(arbitration_id=state_id(node), data=data, is_extended_id=False))
-            for sender, node in zip(cycle(senders), PE_NODES[len(PE_NODES) // 2 :])
-        ]
+        pairs = list(zip(cycle(senders), PE_NODES[len(PE_NODES) // 2 :]))
         while time.monotonic() < end_s:
-            for sender, message in messages:
-                sender.send(message)
+            for sender, node in pairs:
+                data = next(states)
+                sender.send(can.Message(arbitration_id=state_id(node), data=data, is_extended_id=False))
 
 
 def _client(statistics: BusStatistics, pid: int) -> ClientStatistics:
