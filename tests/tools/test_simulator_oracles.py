@@ -816,6 +816,8 @@ def test_the_oracles_know_the_limits_that_are_promised() -> None:
         "START_UP_WINDOW_NS": protocol_times.START_UP_WINDOW_NS,
         "PATIENCE_PERIODS": protocol_times.PATIENCE_PERIODS,
         "FRESH_PERIODS": protocol_times.FRESH_PERIODS,
+        "SILENT_PERIODS": protocol_times.SILENT_PERIODS,
+        "SILENCE_REPORT_NS": protocol_times.SILENCE_REPORT_NS,
         "HOLD_DOWN_PERIODS": protocol_times.HOLD_DOWN_PERIODS,
         "LONGEST_HOLD_DOWN_NS": protocol_times.LONGEST_HOLD_DOWN_NS,
         "FORGIVEN_AFTER_NS": protocol_times.FORGIVEN_AFTER_NS,

@@ -12,7 +12,8 @@ would detect this.
 
 A monitor compares an actuator with a sensor. If the sensor is stuck, the monitor cannot know at once which of the two
 has failed, and may report the actuator first. So the report of an actuator is founded, too, if a sensor is down whose
-data a module reads together with those of the actuator's driver.
+data a module reads together with those of the actuator's driver. And a module that fails by its silence fails rightly
+if its device is down.
 """
 
 from itertools import product
@@ -107,14 +108,21 @@ class BlameCheck(Oracle):
         return [
             violation
             for element, violation in self._reported.items()
-            if not _is_down(element, truth) and self._compared.get(element, frozenset()).isdisjoint(truth.down)
+            if not _is_down(element, truth)
+            and self._compared.get(module_of(element), frozenset()).isdisjoint(truth.down)
         ]
 
 
 def _compared(spec: Spec) -> dict[str, frozenset[str]]:
-    """Return the sensors with which some module compares an actuator, by the actuator; both as `device:NAME`."""
+    """Return the devices that excuse the report of an element if they are down, as `device:NAME`, by the element.
+
+    Of an actuator, these are the sensors with which some module compares it; of a module with `silent: fails`, its
+    device.
+    """
     found: dict[str, frozenset[str]] = {}
     for module in spec.modules.values():
+        if module.silent == "fails" and module.device is not None:
+            found[f"module:{module.name}"] = frozenset((f"device:{module.device}",))
         read = {leaf.variable for mode in module.modes.values() for _, leaf in mode.leaves()}
         devices = {driver.device for variable in read for driver, _ in spec.producers(variable)} - {None}
         by_kind = {kind: [d for d in devices if d and spec.devices[d].kind == kind] for kind in ("actuator", "sensor")}

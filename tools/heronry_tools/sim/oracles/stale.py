@@ -84,6 +84,7 @@ class StaleCheck(Oracle):
         self._uplink = {pe: spec.buses[uplink_bus(spec, pe)] for pe in spec.pes}
         self._sent_ns: dict[tuple[str, int, int], deque[int]] = {}  # by bus, identifier and node
         self._epochs: dict[str, _Epoch] = {}  # by PE
+        self._before: dict[str, _Epoch] = {}  # the epoch before that, by PE
         self._left_out: dict[tuple[str, str, str], _Run] = {}  # by PE, module and variable
         self._silenced: dict[str, tuple[int, int]] = {}  # by NAME or NAME@PE: since when, and which output
         self._told_ns: dict[_Key, int] = {}  # silences that are not over: the last report
@@ -109,6 +110,8 @@ class StaleCheck(Oracle):
         goes_on = before is not None and before.number == page.epoch
         since_ns = before.since_ns if before is not None and goes_on else state.t_ns
         active_ns = before.active_ns if before is not None and goes_on else None
+        if before is not None and not goes_on:
+            self._before[state.pe] = before
         is_active = page.state is PeState.ACTIVE
         self._epochs[state.pe] = _Epoch(page.epoch, since_ns, (active_ns or state.t_ns) if is_active else None)
 
@@ -188,7 +191,7 @@ class StaleCheck(Oracle):
             origin = running.modules[wire.producer].pe
             self._assess_input(sent, pe, module, wire, origin)
             if is_first:
-                self._assess_moment(sent, pe, wire, origin)
+                self._assess_moment(sent, pe, (module, path), wire, origin)
 
     def _assess_output(self, sent: Sent, pe: str, module: str, variable: str, *, gives: bool, is_first: bool) -> None:
         story = f"{pe} reports that {module} does not give {variable}"
@@ -224,16 +227,31 @@ class StaleCheck(Oracle):
         if origin == pe and not times and not self._is_left_out(t_ns, pe, *source, supplied=False):
             self._local.append(Violation(t_ns, "stale", f"{story}, which gives it"))
 
-    def _assess_moment(self, sent: Sent, pe: str, wire: Wire, origin: str) -> None:
-        """Verify that a PE that reports an input for the first time has waited long enough, and for a PE that lives."""
+    def _assess_moment(self, sent: Sent, pe: str, leaf: tuple[str, str], wire: Wire, origin: str) -> None:
+        """Verify that a PE that reports an input for the first time has waited long enough, and for a PE that lives.
+
+        A silence goes on in a new epoch that wires the leaf (module and path) as the epoch before did.
+        """
         epoch = self._epochs[pe]
         since_ns = sent.end_ns - self._limit_ns(pe, self._slowest_ns(wire.producer, wire.variable)) + _SLACK_NS
         story = f"{pe} reports that {wire.producer} is silent"
-        if epoch.since_ns > since_ns:
+        if epoch.since_ns > since_ns and not self._was_wired(pe, leaf, wire, origin, since_ns):
             self._wrong(sent, f"{story}, but it runs this epoch only since {epoch.since_ns / 1e9:.3f} s")
         last = self._states.last.get((self._uplink[pe].name, state_id(self._node_of[origin])))
         if origin != pe and last is not None and (last.page.epoch != epoch.number or last.t_ns < since_ns):
             self._wrong(sent, f"{story}, but {origin} itself is silent, or runs another epoch")
+
+    def _was_wired(self, pe: str, leaf: tuple[str, str], wire: Wire, origin: str, since_ns: int) -> bool:
+        """Tell whether the epoch before wired a leaf in the same way, and began before `since_ns`."""
+        before = self._before.get(pe)
+        known = None if before is None else self._commanded.epochs.get(before.number)
+        running = None if known is None else known.configuration
+        if before is None or running is None or before.since_ns > since_ns or wire.producer not in running.modules:
+            return False
+        module, path = leaf
+        here = running.modules.get(module)
+        is_same = here is not None and here.pe == pe and here.inputs.get(path) == wire
+        return is_same and running.modules[wire.producer].pe == origin
 
     def _wrong(self, sent: Sent, story: str) -> None:
         self.violations.append(Violation(sent.end_ns, "stale", story))
