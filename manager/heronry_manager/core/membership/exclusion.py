@@ -72,11 +72,11 @@ class Exclusion:
         self._unsent_after_ns = {pe: unsent_ns(command_period_ns(spec, pe)) for pe in spec.pes}
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
         self._things = spec.exclusive_things()
+        self.forget()
         self._possible: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         for module in spec.modules.values():
             for pe in hosts_when_all_is_up(spec, module):
                 self._possible[pe] |= self._tokens_of(module.name)
-        self.forget()
 
     def forget(self) -> None:
         """Forget which PE may hold which token, and what ALIVE has said."""
