@@ -116,9 +116,23 @@ def test_a_file_that_is_no_spec_is_told_in_one_line_and_a_bad_spec_in_a_few(
     assert re.fullmatch(rf"and \d+ more; is this the right file\? 'heronry check {spec}' lists all", last)
 
 
+def test_every_shipped_spec_is_known(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "plant plant:speed: on a control path" in Said(capsys, "check", "eav").out
+
+
+def test_an_edit_of_a_view_works_on_the_view_as_a_graph(capsys: pytest.CaptureFixture[str]) -> None:
+    view, command = ("--at", "Kfms,Kc,Km,Kuav", "--json"), "Km.surfaces->Kdyn.surfaces"
+    said = Said(capsys, "edit", "g_eav", "removal", command, *view)
+    assert said.code == 0
+    left = json.loads(said.out)
+    assert set(left["check"]["components"]) >= {"Kfms", "Kc", "Km", "Kuav"}
+    assert command not in Said(capsys, "edit", "g_eav", "removal", command, *view[:-1]).out.replace(" ", "")
+
+
 def test_a_spec_without_plants_is_told_as_that(capsys: pytest.CaptureFixture[str]) -> None:
     said = Said(capsys, "check", "elevator_and_chute")
     assert "no member is a plant, so no control path is checked" in said.out
+    assert said.out.endswith("'on_path' required nothing: name another predicate with --require\n")
     assert "no member is a plant" not in Said(capsys, "check", "g_star").out
 
 
@@ -331,7 +345,7 @@ def test_a_name_of_nothing_is_refused_with_what_there_is(capsys: pytest.CaptureF
     said = Said(capsys, "check", "g_eave")
     assert said.code == 2
     assert "a shipped graph (g_eav, g_max, g_star)" in said.err
-    assert "a shipped spec (big_blue, elevator_and_chute)" in said.err
+    assert "a shipped spec (big_blue, elevator_and_chute, eav)" in said.err
 
 
 def test_a_list_of_names_without_a_name(flat: str, capsys: pytest.CaptureFixture[str]) -> None:

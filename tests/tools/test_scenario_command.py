@@ -110,6 +110,48 @@ def test_a_report_is_heard_and_nothing_reported_then_fails(tmp_path: Path, capsy
     assert nothing["seen"].startswith("module:horizon_attitude@tail_b was reported, last at 1.")
 
 
+MINE = """\
+from heronry_agent.module import Module
+
+class Mine(Module):
+    def step(self, inputs):
+        print("a module speaks")
+        return {}
+"""
+
+
+def with_own_module(tmp_path: Path) -> Path:
+    """A scenario of an aircraft one module of which is the user's own, in the folder of the spec."""
+    text = DEMUX.read_text().replace(
+        "{device: elevator_servo_1,", '{image: "mine_of_the_user:Mine", device: elevator_servo_1,'
+    )
+    assert "mine_of_the_user" in text
+    (tmp_path / "own.dg.yaml").write_text(text)
+    return written(tmp_path, "# One module is the user's own.\nspec own.dg.yaml\nseed 3\nend 1s\n", head="")
+
+
+def test_a_module_without_code_is_told_before_the_flight(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenario", str(with_own_module(tmp_path))]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "cannot be simulated (image 'mine_of_the_user:Mine': cannot import mine_of_the_user" in err
+
+
+def test_what_modules_print_is_no_part_of_the_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine_of_the_user.py").write_text(MINE)
+    monkeypatch.chdir(tmp_path)
+    main(["scenario", str(with_own_module(tmp_path)), "--json"])
+    out, err = capsys.readouterr()
+    json.loads(out)
+    assert "a module speaks" in err
+    main(["sim", "own.dg.yaml", "--runs", "1", "--seconds", "1", "--jobs", "1", "--json"])
+    out, err = capsys.readouterr()
+    json.loads(out)
+    assert "a module speaks" in err
+
+
 def test_a_core_that_dies_fails_its_file_and_the_next_one_is_flown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -19,6 +19,7 @@ from heronry_manager.planner.exact import plan
 from heronry_manager.planner.explain import explained as with_reasons
 from heronry_tools.analysis.servable import Answer, Planning
 from heronry_tools.analysis.why.assumptions import (
+    MENDABLE,
     Assumption,
     Question,
     assumptions,
@@ -66,7 +67,8 @@ def mended(spec: Spec, found: Explanation) -> list[tuple[Spec, Situation]]:
         repaired = spec
         for one, amount in repair.capacities:
             repaired = with_capacity(repaired, one, amount)
-        after.append((repaired, replace(found.now, down=found.now.down - set(repair.restore))))
+        limits = {name: share for name, share in found.now.limits.items() if name not in repair.whole}
+        after.append((repaired, replace(found.now, down=found.now.down - set(repair.restore), limits=limits)))
     return after
 
 
@@ -207,6 +209,15 @@ def test_a_service_that_is_worth_nothing_has_nothing_in_its_way() -> None:
     assert found.reasons == ()
 
 
+def test_a_limit_is_a_reason_and_its_end_a_repair(capsys: pytest.CaptureFixture[str]) -> None:
+    said = run(capsys, "elevator_and_chute", "elevator", "--limit", "pe:tail_pe=5%")
+    assert "pe:tail_pe has less than its capacity" in said
+    assert "repaired by any one of these:\n  pe:tail_pe has its whole capacity again\n" in said
+    document = json.loads(run(capsys, "elevator_and_chute", "elevator", "--limit", "pe:tail_pe=5%", "--json"))
+    assert document["limits"] == {"pe:tail_pe": "5%"}
+    assert document["repairs"][0] == {"restore": [], "whole": ["pe:tail_pe"], "add": []}
+
+
 def test_what_cannot_be_found_out_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Planning, "all_at_once", lambda *_: Answer(None, proven=False))
     with pytest.raises(UserError, match="did not decide in time"):
@@ -226,15 +237,17 @@ def test_only_capacities_have_an_amount() -> None:
 def test_each_reason_is_needed_and_each_repair_is_least(rng: random.Random, data: st.DataObject) -> None:
     spec = random_spec(rng, modules=5)
     down = frozenset(data.draw(st.sets(st.sampled_from(elements(spec)), max_size=2)))
+    limited = data.draw(st.sets(st.sampled_from([f"pe:{pe}" for pe in spec.pes]), max_size=1))
+    limits = [f"{element}={data.draw(st.integers(0, 99))}%" for element in limited]
     name = data.draw(st.sampled_from(list(spec.functions)))
-    found = explained(spec, name, *down)
+    found = explain(spec, situation(spec, down, limits), spec.functions[name])
     if not found.reasons:
         return
     least = found.best_value if found.report.served else 0
     healthy = placement(plan(spec, situation(spec)).configuration)
-    reports = plan(spec, found.now, healthy if down else None).functions
+    reports = plan(spec, found.now, healthy if down or limits else None).functions
     served = {other: report.value for other, report in reports.items() if report.served}
-    question = Question(spec, down, {**served, name: least})
+    question = Question(spec, down, found.now.limits, {**served, name: least})
     others = [one for one in assumptions(question, name) if one not in found.reasons]
     assert not possible(question, others), "the reasons suffice"
     for one in found.reasons:
@@ -244,14 +257,17 @@ def test_each_reason_is_needed_and_each_repair_is_least(rng: random.Random, data
         assert report.served
         assert report.value >= least
         for one, amount in repair.capacities:
-            less = Question(with_capacity(repaired, one, amount - 1), now.down, question.least)
+            less = Question(with_capacity(repaired, one, amount - 1), now.down, now.limits, question.least)
             assert not possible(less, []), "a little less is not enough"
-        parts = len(repair.restore) + len(repair.capacities)
-        soft = [one for one in assumptions(question, name) if one.kind in ("down", "cpu", "ram", "flash", "bandwidth")]
+        parts = len(repair.restore) + len(repair.whole) + len(repair.capacities)
+        soft = [one for one in assumptions(question, name) if one.kind in MENDABLE]
         for fewer in combinations(soft, parts - 1):
             assert not possible(question, fewer) or parts == 1, "a smaller repair would do"
 
 
 def possible(question: Question, without: Iterable[Assumption]) -> bool:
     asked = relaxed(question, tuple(without))
-    return Planning(asked.spec).all_at_once(tuple(asked.least), asked.down, asked.least).configuration is not None
+    return (
+        Planning(asked.spec).all_at_once(tuple(asked.least), asked.down, asked.least, asked.limits).configuration
+        is not None
+    )

@@ -10,6 +10,7 @@ Identifiers, and with them response times, are always taken from the whole spec,
 
 from collections.abc import Collection, Mapping, Set
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 from types import MappingProxyType
 from typing import Final
@@ -32,6 +33,7 @@ _EFFORT: Final = (
 _NO_DEADLINE_NS: Final = 10**18
 PLENTY: Final = 10**12
 NOTHING_ASKED: Final[Mapping[str, int]] = MappingProxyType({})
+NO_LIMITS: Final[Mapping[str, Fraction]] = MappingProxyType({})
 
 
 def without_deadlines(spec: Spec) -> Spec:
@@ -181,15 +183,17 @@ class Planning:
         functions: Collection[str],
         down: frozenset[str] = frozenset(),
         least: Mapping[str, int] = NOTHING_ASKED,
+        limits: Mapping[str, Fraction] = NO_LIMITS,
     ) -> Answer:
         """Tell whether all these functions can be served at the same time while the elements in `down` are down.
 
         least: the lowest value with which each function may be served; 0 for a function that is not named.
+        limits: the share of its capacity that an element has left; as in `Situation`.
         """
-        known = self.survives(functions, down, least) if down else None
+        known = self.survives(functions, down, least) if down and not limits else None
         if known is not None:
             return Answer(known, proven=True)
-        search = Search(self.candidates_for(functions, down, least), None, self.times, _EFFORT)
+        search = Search(self.candidates_for(functions, down, least, limits), None, self.times, _EFFORT)
         # The first group of levels decides which functions are served, and in modes of which value. That is enough: the
         # question is only whether all functions can be served with the values in `least`.
         search.run(groups=1)
@@ -247,6 +251,7 @@ class Planning:
         functions: Collection[str],
         down: frozenset[str] = frozenset(),
         least: Mapping[str, int] = NOTHING_ASKED,
+        limits: Mapping[str, Fraction] = NO_LIMITS,
     ) -> Candidates:
         """Give all choices of the planner (`Candidates`) if only these functions are wanted, all with one priority.
 
@@ -261,7 +266,7 @@ class Planning:
             for name, function in self.spec.functions.items()
             if name in functions
         }
-        return candidates(replace(self.spec, functions=wanted), Situation(down))
+        return candidates(replace(self.spec, functions=wanted), Situation(down, limits))
 
     def _enough(self, function: Function, least: int) -> tuple[int, ...]:
         counts = [len(self.spec.modules[output].modes) for output in function.outputs]

@@ -11,7 +11,7 @@ from heronry_tools.runtime.demo import DEFAULT_SECONDS, LONGEST_SECONDS
 _LONGEST_HEARTBEAT_MS = 10_000
 _EPILOG = """\
 examples:
-  heronry demo                                        big_blue; the flight computer is killed and comes back
+  heronry demo                                        big_blue; the PE with most modules (wing) is killed, and back
   heronry demo --kill pe:nav@3 --kill pe:tail_a@3.01  two at once
   heronry demo elevator_and_chute --for 8 --record flight.log
   heronry demo --phase landing@3 --kill pe:flight@6   a phase with other priorities, from the third second on

@@ -47,7 +47,8 @@ operations:
   combine FILE2 [S->T]     unite two graphs, joined by an edge
   contract K               in a view (--at), put K in the place of what is inside it; with --of, make K of these
   expand K                 in a view (--at), put what is inside K in its place
-An edge has to be in quotes for a shell: 'A.a->B.b'. Without --at, the view is all members.
+An edge has to be in quotes for a shell: 'A.a->B.b'. Without --at, the view is all members. With --at, the operations
+above them work on the view as a graph of its own, for example without an edge between its members.
 """
 
 
@@ -220,7 +221,10 @@ def run_check(arguments: argparse.Namespace) -> int:
         return _refused(error, arguments)
     plants = subject.critical_plants()
     missing = [name for name in required if not assessed.holds(name, plants)]
-    _say(arguments, assessed.document, assessment_text(assessed, missing))
+    said = assessment_text(assessed, missing)
+    if "on_path" in required and plants == frozenset():
+        said += "no plant is of class A or B, so 'on_path' required nothing: name another predicate with --require\n"
+    _say(arguments, assessed.document, said)
     return int(bool(missing))
 
 
@@ -264,13 +268,16 @@ def run_edit(arguments: argparse.Namespace) -> int:
 def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequence[str] | None]":
     """Give the graph after the operation that `arguments` name, and the view after it: the members in it, sorted.
 
-    The view is None if the operation does not work on a view. Only `contract` and `expand` do.
+    With --at, `contract` and `expand` change the view, and leave the graph as it is; every other operation works on the
+    view as a graph of its own, and there is no view after it (None).
     """
     from heronry_pcs import operations, views  # noqa: PLC0415
     from heronry_pcs.names import COMPONENT_HINT, is_component  # noqa: PLC0415
 
     given: list[str] = arguments.arguments
     view = arguments.at if arguments.at is not None else list(graph.members)
+    if arguments.at is not None and arguments.operation not in ("contract", "expand"):
+        graph = views.view_graph(graph, view)
     match arguments.operation, given:
         case "cprune", []:
             return operations.cprune(graph), None

@@ -101,13 +101,16 @@ def run(arguments: argparse.Namespace) -> int:
 def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["Flown"]:
     from dataclasses import replace  # noqa: PLC0415
 
+    from heronry_tools.sim.flight.flyable import check_images  # noqa: PLC0415
     from heronry_tools.sim.scenario import in_simulator, live  # noqa: PLC0415
     from heronry_tools.sim.scenario.trace import golden_file, keep, kept  # noqa: PLC0415
 
     for script in scripts:  # before the first scenario flies
         if _is_live(arguments):
             live.check(script)
-        elif not arguments.rewrite:
+            continue
+        check_images(script.spec)
+        if not arguments.rewrite:
             kept(script.file)
     for script in scripts:
         show_line(f"flying {script.file}")

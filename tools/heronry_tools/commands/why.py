@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.output import add_output
-from heronry_tools.console.situation_arguments import add_down, add_phase
+from heronry_tools.console.situation_arguments import add_situation, situation_of
 from heronry_tools.console.spec_argument import add_spec_argument, load_spec, named_function
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ examples:
   heronry why big_blue experiment --phase landing
   heronry why big_blue imaging --down pe:nav --down pe:payload --phase glide
   heronry why big_blue guidance --down device:gps --phase glide --json
+  heronry why big_blue imaging --limit bus:radio=10%
 """
 
 
@@ -39,20 +40,18 @@ def add_parsers(subparsers: Any) -> None:
     )
     add_spec_argument(parser)
     parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
-    add_down(parser)
-    add_phase(parser)
+    add_situation(parser)
     add_output(parser, "write the answer as JSON")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Explain how a function is served, or why not; returns the exit code."""
-    from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import, as are all here
-    from heronry_tools.analysis.why.reasons import explain  # noqa: PLC0415
+    from heronry_tools.analysis.why.reasons import explain  # noqa: PLC0415 - slow to import
 
     spec = load_spec(arguments.spec)
     function = named_function(spec, arguments.function)
-    now = situation(spec, arguments.down or (), (), arguments.phase)
+    now = situation_of(spec, arguments)
     found = explain(spec, now, function)
     sys.stdout.write((_json if arguments.json else _text)(spec, found))
     return 0
@@ -92,6 +91,7 @@ def _headline(found: "Explanation") -> str:
 
 def _repair(spec: "Spec", repair: "Repair") -> str:
     parts = [f"{element} comes back" for element in repair.restore]
+    parts += [f"{element} has its whole capacity again" for element in repair.whole]
     parts += [_more(spec, one, amount) for one, amount in repair.capacities]
     return ", and ".join(parts)
 

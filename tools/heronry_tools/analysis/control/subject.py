@@ -17,7 +17,7 @@ from heronry_pcs.plan_graph import managers_side, plan_graph
 from heronry_pcs.shipped import shipped_graph_names, shipped_graph_path
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.plan_argument import errors_name, read_text
-from heronry_tools.console.spec_argument import SHIPPED, load_spec
+from heronry_tools.console.spec_argument import FLOWN, SHIPPED, load_spec
 
 CRITICAL: Final = ("A", "B")  # classes of plants that a plan has to keep on a path
 
@@ -69,8 +69,8 @@ def load_subject(text: str, plan_file: str | None = None) -> Subject:
         if plan_file is not None:
             raise UserError(f"{text} is a graph, and --plan needs a spec: leave --plan out")
         return Subject(load_graph(path))
-    if not Path(text).suffix and not Path(text).exists() and text not in SHIPPED:
-        graphs, specs = ", ".join(shipped_graph_names()), ", ".join(SHIPPED)
+    if not Path(text).suffix and not Path(text).exists() and text not in (*SHIPPED, *FLOWN):
+        graphs, specs = ", ".join(shipped_graph_names()), ", ".join((*SHIPPED, *FLOWN))
         raise UserError(f"'{text}' is neither a file, nor a shipped graph ({graphs}), nor a shipped spec ({specs})")
     planned = load_planned(load_spec(text), plan_file)
     return Subject(plan_graph(planned.spec, planned.configuration), planned)

@@ -1,21 +1,25 @@
 """All that could keep a function from being served, as a list of assumptions that can be relaxed.
 
-An assumption that is *relaxed* no longer holds: an element is up again, a capacity is unlimited, a placement rule is
-gone, deadlines are gone, or another function need not be served. `relaxed` changes the question accordingly: the spec,
-the elements that are down, and the functions that must be served. The planner answers the changed question.
+An assumption that is *relaxed* no longer holds: an element is up again, or has its whole capacity, a capacity is
+unlimited, a placement rule is gone, deadlines are gone, or another function need not be served. `relaxed` changes the
+question accordingly: the spec, the elements that are down or limited, and the functions that must be served. The
+planner answers the changed question.
 """
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Final, Literal
 
 from heronry_dg.model import Bus, Pe, Spec
 from heronry_dg.situation import checked_element
 from heronry_tools.analysis.servable import PLENTY, without_deadlines
 
-Kind = Literal["down", "cpu", "ram", "flash", "bandwidth", "deadlines", "separate", "together", "actuator", "function"]
+Kind = Literal[
+    "down", "limit", "cpu", "ram", "flash", "bandwidth", "deadlines", "separate", "together", "actuator", "function"
+]
 CAPACITIES: Final[tuple[Kind, ...]] = ("cpu", "ram", "flash", "bandwidth")
-MENDABLE: Final[tuple[Kind, ...]] = ("down", *CAPACITIES)
+MENDABLE: Final[tuple[Kind, ...]] = ("down", "limit", *CAPACITIES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +29,7 @@ class Assumption:
     name: what the assumption is about. It depends on the kind:
 
         down                 the element
+        limit                the element that has less than its capacity
         cpu, ram, flash      the PE
         bandwidth            the bus
         separate, together   the index of the placement rule
@@ -42,11 +47,13 @@ class Question:
     """The question whether all functions in `least` can be served together.
 
     down: the elements that are down.
+    limits: by element, the share of its capacity that is left.
     least: by function, the least value with which the function must be served.
     """
 
     spec: Spec
     down: frozenset[str]
+    limits: Mapping[str, Fraction]
     least: Mapping[str, int]
 
 
@@ -69,6 +76,7 @@ def _assumptions(question: Question, goal: str) -> Iterator[Assumption]:
     yield from (Assumption("bandwidth", name) for name in spec.buses)
     for pe in spec.pes:
         yield from (Assumption("flash", pe), Assumption("ram", pe), Assumption("cpu", pe))
+    yield from (Assumption("limit", element) for element in sorted(question.limits))
     yield from (Assumption("down", element) for element in sorted(question.down))
 
 
@@ -108,6 +116,7 @@ def relaxed(question: Question, without: Collection[Assumption]) -> Question:
             },
         ),
         down=question.down - gone("down"),
+        limits={name: share for name, share in question.limits.items() if name not in gone("limit")},
         least={name: value for name, value in question.least.items() if name not in gone("function")},
     )
 
@@ -165,8 +174,9 @@ def with_capacity(spec: Spec, one: Assumption, amount: int) -> Spec:
 def in_words(spec: Spec, one: Assumption) -> str:
     """Write an assumption as a sentence for the user."""
     match one.kind:
-        case "down":
-            return f"{checked_element(spec, one.name)} is down"
+        case "down" | "limit":
+            what = "is down" if one.kind == "down" else "has less than its capacity"
+            return f"{checked_element(spec, one.name)} {what}"
         case "cpu":
             return f"pe {one.name} has {capacity(spec, one) / 1000:g} cores"
         case "ram" | "flash":

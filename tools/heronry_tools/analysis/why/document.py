@@ -15,6 +15,7 @@ def document(spec: Spec, found: Explanation) -> dict[str, Any]:
         "function": found.function.name,
         "phase": found.now.phase,
         "down": sorted(found.now.down),
+        "limits": {element: f"{float(100 * share):g}%" for element, share in sorted(found.now.limits.items())},
         "served": found.report.served,
         "mode": found.report.mode,
         "value": found.report.value,
@@ -26,6 +27,7 @@ def document(spec: Spec, found: Explanation) -> dict[str, Any]:
         "repairs": [
             {
                 "restore": list(repair.restore),
+                **({"whole": list(repair.whole)} if repair.whole else {}),
                 "add": [
                     {"kind": one.kind, "name": one.name, "more": amount - capacity(spec, one)}
                     for one, amount in repair.capacities

@@ -21,9 +21,9 @@ relaxed first. So such an assumption is in the set that is shown only if the set
 2. If the planner reaches the goal with this set relaxed, the set is the smallest repair.
 3. If not, find a further irreducible set, and begin again at step 1.
 
-A repair can only bring back elements that are down, or add CPU, memory or bandwidth. The amount of a capacity
-that is needed is found by bisection. A repair counts only if the planner, given the repaired system, really
-serves the function.
+A repair can only bring back elements that are down, or the whole capacity of an element, or add CPU, memory or
+bandwidth. The amount of a capacity that is needed is found by bisection. A repair counts only if the planner, given the
+repaired system, really serves the function.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -67,10 +67,12 @@ Possible = Callable[[Iterable[Assumption]], bool]
 class Repair:
     """A repair: the elements to bring back, and the capacities to enlarge.
 
+    whole: the elements that have their whole capacity again.
     capacities: each capacity, with the amount that it must have in all (not the increase).
     """
 
     restore: tuple[str, ...]
+    whole: tuple[str, ...]
     capacities: tuple[tuple[Assumption, int], ...]
 
 
@@ -100,7 +102,9 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
     Raises UserError if the planner does not decide in time what is possible.
     """
     healthy = plan(spec, Situation(phase=now.phase))
-    found = explained(spec, plan(spec, now, placement(healthy.configuration)) if now.down else healthy)
+    found = explained(
+        spec, plan(spec, now, placement(healthy.configuration)) if now != Situation(phase=now.phase) else healthy
+    )
     report = found.functions[function.name]
     best_value = max(
         function.value_of(0, len(spec.modules[output].modes)) for output in function.outputs
@@ -154,11 +158,11 @@ def _possible(question: Question) -> Possible:
 
 def _question(spec: Spec, found: Plan, function: Function, least: int) -> Question:
     others = {name: report.value for name, report in found.functions.items() if report.served}
-    return Question(spec.in_phase(found.now.phase), found.now.down, {**others, function.name: least})
+    return Question(spec.in_phase(found.now.phase), found.now.down, found.now.limits, {**others, function.name: least})
 
 
 def _is_possible(question: Question) -> bool:
-    answer = Planning(question.spec).all_at_once(tuple(question.least), question.down, question.least)
+    answer = Planning(question.spec).all_at_once(tuple(question.least), question.down, question.least, question.limits)
     if not answer.proven:
         raise UserError("the planner did not decide in time what is possible; give fewer faults")
     return answer.configuration is not None
@@ -255,7 +259,8 @@ def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
         amount = _least_amount(repaired, one, capacity(question.spec, one))
         repaired = replace(repaired, spec=with_capacity(repaired.spec, one, amount))
         needed.append((one, amount))
-    return Repair(tuple(one.name for one in parts if one.kind == "down"), tuple(needed))
+    restored, whole = (tuple(one.name for one in parts if one.kind == kind) for kind in ("down", "limit"))
+    return Repair(restored, whole, tuple(needed))
 
 
 def _least_amount(question: Question, one: Assumption, there_is: int) -> int:
@@ -288,5 +293,7 @@ def _serves(question: Question, repair: Repair, function: Function, now: Situati
     spec = question.spec
     for one, amount in repair.capacities:
         spec = with_capacity(spec, one, amount)
-    report = plan(spec, replace(now, down=now.down - set(repair.restore))).functions[function.name]
+    limits = {name: share for name, share in now.limits.items() if name not in repair.whole}
+    repaired = replace(now, down=now.down - set(repair.restore), limits=limits)
+    report = plan(spec, repaired).functions[function.name]
     return report.served and report.value >= question.least[function.name]

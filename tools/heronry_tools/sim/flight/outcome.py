@@ -4,8 +4,10 @@ A flight starts when the first configuration runs. Then the faults are injected,
 to converge (`end_of_flight`).
 """
 
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 
 from heronry_dg.model import Spec
@@ -105,7 +107,8 @@ def play(
     )
     hits: Counter[tuple[str, str]] = Counter()
     try:
-        violations = _fly(simulation, scenario, hits, begun, second_passed)
+        with redirect_stdout(sys.stderr):  # what modules print is no result
+            violations = _fly(simulation, scenario, hits, begun, second_passed)
     except Exception as error:  # noqa: BLE001 - an exception of a core, of any type, is a finding
         violations = ended_by(simulation, error)
     return Outcome(

@@ -9,7 +9,9 @@ drawn flight (`end_of_flight`):
 An exception of a core ends the flight, which then fails.
 """
 
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
 
 from heronry_manager.events import Reconfigured
 from heronry_tools.console.errors import UserError
@@ -57,9 +59,10 @@ def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation
     flight.wiring.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
     lines: tuple[str, ...] = ()  # stays empty if an exception of a core ends the flight
     try:
-        injections, deeds = _play(flight, script)
-        lines = _decided(flight, deeds)
-        violations = _end(flight, script, injections)
+        with redirect_stdout(sys.stderr):  # what modules print is no result
+            injections, deeds = _play(flight, script)
+            lines = _decided(flight, deeds)
+            violations = _end(flight, script, injections)
     except UserError:
         raise
     except Exception as error:  # noqa: BLE001 - an exception of a core, of any type, is a finding
