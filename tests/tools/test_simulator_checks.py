@@ -447,6 +447,7 @@ ORACLES_KNOW = {
         "liveness",
         "radio",
         "service",
+        "stale",
         "solitude",
     },
 }

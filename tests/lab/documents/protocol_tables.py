@@ -218,6 +218,11 @@ def times() -> str:
             "greatest age of an input at the start of a step; an older input is absent",
         ),
         (
+            "silence",
+            f"{promised.SILENT_PERIODS} periods of the source, at least T_lease",
+            "how long an input may have no datum until its PE reports it; of an output, periods of its module",
+        ),
+        (
             "echo",
             _time(link.ECHO_TIMEOUT_NS),
             "how long a sender waits for the echo of a frame before it sends the next one",

@@ -16,9 +16,9 @@ DESCRIBING = frozenset(("__init__", "events", "status", "vocabulary"))  # no dec
 WIRE = Path("dbc/heronry_wire")
 CODEC = (
     "authentication bus_health canaerospace canopen_objects capacities channel_merge channel_watch command_tags "
-    "configuration_slice contingency_block controller errors failure_text frame gateway_report identification "
-    "identifiers layout management nmt node_services packing pe_table protocol_times protocol_version sansio sdo "
-    "standard_identifiers state_frames thinning timing transmit_queue"
+    "configuration_slice contingency_block controller element_places errors failure_text frame gateway_report "
+    "identification identifiers layout management nmt node_services packing pe_table protocol_times "
+    "protocol_version sansio sdo silence standard_identifiers state_frames thinning timing transmit_queue"
 )
 SHELL = (  # of the wire: the files that use sockets, interfaces and files, or a person's words
     "__init__ arrival_times bare_can bus_arguments bus_opening can_interface clock_of_day command_parser eds "
