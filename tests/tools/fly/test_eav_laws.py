@@ -25,8 +25,9 @@ def landed(position, seed=3, **plant):
 
 
 def test_the_filter_lands_what_the_receiver_alone_does_not():
-    by_filter, by_receiver = landed("filter")[1], landed("coarse")[1]
+    (loop, by_filter), by_receiver = landed("filter"), landed("coarse")[1]
     assert by_filter.causes == ()
+    assert not any(context.reported for context in loop.contexts.values()), "a filter that fits reports nothing"
     assert by_receiver.causes != ()
 
 

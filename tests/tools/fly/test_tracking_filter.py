@@ -1,10 +1,14 @@
 """The tracking filter: late images, wrong images, a lost lock, and whether it knows how wrong it is."""
 
 import math
+from collections.abc import Mapping
 from random import Random
 
 import pytest
 
+from agent.rig import Rig
+from heronry_agent.module import Datum, Value
+from heronry_tools.fly.avionics.position import TrackedPosition
 from heronry_tools.fly.avionics.tracking_filter import BIAS_ELEVATION, BIAS_H, REFUSALS, STATES, H, TrackingFilter, X
 
 CAMERA_M = (100.0, 12.0, 0.3)
@@ -169,3 +173,29 @@ def test_a_beginning_by_sight_becomes_good_enough_to_land():
         approach.fly(16)
         errors.append(abs(approach.height_error()))
     assert max(errors) < 1.5
+
+
+def test_a_filter_that_doubts_itself_a_third_time_reports_itself_and_goes_on() -> None:
+    """The images jump from one side to the other every second, which no aircraft does."""
+    rig = Rig("eav_tracked_position", mode="tracking", module="tracked_position")
+    outputs: Mapping[str, Value] = {}
+    resets = []
+    for step in range(600):
+        side = 900 if step // 40 % 2 else -900
+        is_new = step % 4 == 0
+        data = {
+            "velocity_north": Datum(20.0, 1, 0),
+            "velocity_east": Datum(0.0, 1, 0),
+            "velocity_up": Datum(-1.0, 1, 0),
+            "image_angles": Datum((side, 800), 1, 0 if is_new else 25_000_000 * (step % 4)),
+            "image_age": Datum(50, 1, 0 if is_new else 25_000_000 * (step % 4)),
+        }
+        data |= {f"gps_{axis}": Datum(at, 1, 0) for axis, at in (("x", -400.0), ("y", 0.0), ("height", 32.0))}
+        outputs = rig.feed(data)
+        assert isinstance(rig.module, TrackedPosition)
+        resets.append(0 if rig.module.filter is None else rig.module.filter.resets)
+        if resets[-1] < 3:
+            assert rig.host.reported == []
+    assert resets[-1] >= 3
+    assert set(rig.host.reported) == {"module:tracked_position"}
+    assert outputs.keys() == {"position_x", "position_y", "height"}
