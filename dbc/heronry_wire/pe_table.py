@@ -35,6 +35,7 @@ from base64 import b64decode
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cached_property
+from itertools import chain
 from types import UnionType
 from typing import Any, Literal, Self, Union, get_args, get_origin
 
@@ -43,6 +44,9 @@ from heronry_wire.errors import HeronryError, on_one_line
 from heronry_wire.identifiers import GATEWAY_IDS, PE_NODES, Use, classify
 from heronry_wire.packing import PackingError
 from heronry_wire.protocol_version import OUTSIDE_IDENTITY, PROTOCOL, Version
+
+STALE_PERIODS = 5
+"""A reading of a sensor is not valid if it is older than so many periods of the fastest module on the sensor."""
 
 _REMEDY = "write the table anew with 'heronry table'"
 _COMPILE = "compile the spec first, on a computer with the manager: heronry table SPEC PE -o PE.table"
@@ -149,6 +153,20 @@ class DeviceEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class DriverEntry:
+    """What a spec says of the driver of one of this PE's devices."""
+
+    device: str
+    driver: str | None  # a shipped one, an entry point, or `package.module:Class`; None: the node names it
+    options: str  # JSON object: the driver's own options
+    stale_ns: int  # a reading of a sensor that is older is not valid
+    least: float | None  # `range` of a sensor, `limits` of an actuator; None: none
+    most: float | None
+    per_s: float | None  # `rate_limit` of an actuator; None: none
+    safe: str | float  # what an actuator does without a command: "hold", "release", or a value
+
+
+@dataclass(frozen=True, slots=True)
 class PhaseEntry:
     """A mission phase, and the rule by which it is entered: `variable` is above or below a threshold for `hold_ns`."""
 
@@ -188,6 +206,8 @@ class PeTable:
     echoes_per_s: int = field(default=10, metadata=OUTSIDE_IDENTITY)
     # Period of LEASE: the slowest heartbeat on its way to this PE; 0: that of the uplink.
     command_period_ns: int = field(default=0, metadata=OUTSIDE_IDENTITY)
+    # Of this PE's devices, those of whose driver the spec says something.
+    drivers: tuple[DriverEntry, ...] = added_in(1, ())
 
     @cached_property
     def identity(self) -> bytes:
@@ -269,7 +289,9 @@ def _identifying(one: Any) -> dict[str, Any]:
 
 
 def _check(table: PeTable) -> None:
-    for fault in _faults(table):
+    known = {device.name for device in table.devices}
+    drivers = (fault for driver in table.drivers for fault in _driver_faults(driver, known))
+    for fault in chain(_faults(table), drivers):
         raise TableError(f"{fault}; {_REMEDY}")
 
 
@@ -299,6 +321,23 @@ def _faults(table: PeTable) -> Iterator[str]:
             yield f"module {module.name} is not number {module.index} of module_names"
         for mode in module.modes:
             yield from _mode_faults(f"module {module.name}", mode, table.variables)
+
+
+def _driver_faults(driver: DriverEntry, devices: Collection[str]) -> Iterator[str]:
+    if driver.device not in devices:
+        yield f"a driver is named for the unknown device {driver.device:.70}"
+    if driver.stale_ns <= 0:
+        yield f"readings of device {driver.device} may be {driver.stale_ns} ns old, which must be positive"
+    if driver.per_s is not None and driver.per_s <= 0:
+        yield f"device {driver.device} moves by {driver.per_s} units a second, which must be positive"
+    if isinstance(driver.safe, str) and driver.safe not in ("hold", "release"):
+        yield f"device {driver.device} has the safe action {driver.safe!r:.70}, which is none"
+    try:
+        options = json.loads(driver.options)
+    except (ValueError, RecursionError):
+        options = None
+    if not isinstance(options, dict):
+        yield f"the options of device {driver.device} are not a JSON object"
 
 
 def _port_faults(port: Port) -> Iterator[str]:

@@ -3,7 +3,9 @@
 `model` has the keys. A value that does not fit raises UnfitError, whose sentence `draft` turns into a finding.
 """
 
+import math
 from collections.abc import Callable, Mapping
+from decimal import Decimal
 from fractions import Fraction
 from typing import Annotated, Any, Final, Literal
 
@@ -89,6 +91,55 @@ def _identifier_range(value: object) -> tuple[int, int]:
     raise UnfitError(rules.WRONG_TYPE, sentence, "write range: [1800, 1815]")
 
 
+def _number_range(value: object) -> tuple[Fraction, Fraction]:
+    if not isinstance(value, list) or len(value) != 2:
+        sentence = f"must be a list of two numbers, the least and the largest, not {shown(value)}"
+        raise UnfitError(rules.WRONG_TYPE, sentence, "write [-25, 25]")
+    low, high = (quantities.number(one) for one in value)
+    if low >= high:
+        hint = f"write [{value[1]}, {value[0]}]" if low > high else "write the least number first, then a larger one"
+        raise UnfitError(rules.REVERSED_RANGE, f"holds nothing: {value[0]} is not less than {value[1]}", hint)
+    return low, high
+
+
+def _positive_number(value: object) -> Fraction:
+    exact = quantities.number(value)
+    if exact <= 0:
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be more than 0, not {value}", "write a number such as 60")
+    return exact
+
+
+def _safe_action(value: object) -> str | Fraction:
+    if value in ("hold", "release"):
+        return str(value)
+    if isinstance(value, str):
+        sentence = f"must be 'hold', 'release' or a number, not {shown(value)}"
+        raise UnfitError(rules.NOT_A_CHOICE, sentence, "write safe: release")
+    return quantities.number(value)
+
+
+def _options(value: object) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise UnfitError(rules.NOT_A_MAP, f"must be a map, not {shown(value)}", "write options: {bus: 1}")
+    return {name: _option(name, one) for name, one in value.items()}
+
+
+def _option(name: str, value: object) -> Any:
+    match value:
+        case bool() | str() | int():
+            return value
+        case Decimal():
+            return float(value)
+        case float() if math.isfinite(value):
+            return value
+        case list() if value and all(type(item) in (int, float, Decimal) for item in value):
+            return tuple(float(item) if isinstance(item, Decimal) else item for item in value)
+        case _:
+            pass
+    sentence = f"gives {shown(name)} the value {shown(value)}, which is no number, text, true, false or list of numbers"
+    raise UnfitError(rules.WRONG_TYPE, sentence, "write one of these")
+
+
 def _optional_number(value: object) -> Fraction | None:
     return None if value is None else quantities.number(value)
 
@@ -129,6 +180,15 @@ IdentifierRange = Annotated[
         schema={"type": "array", "items": {"type": "integer", "minimum": 0}, "minItems": 2, "maxItems": 2},
     ),
 ]
+_NUMBER_PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+NumberRange = Annotated[tuple[Fraction, Fraction], Reading(_number_range, schema=_NUMBER_PAIR)]
+PositiveNumber = Annotated[Fraction, Reading(_positive_number, schema={"type": "number", "exclusiveMinimum": 0})]
+SafeAction = Annotated[
+    str | Fraction,
+    Reading(_safe_action, schema={"anyOf": [{"enum": ["hold", "release"]}, {"type": "number"}]}),
+]
+DriverName = Annotated[str, Bounds(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*(:[A-Za-z_][A-Za-z0-9_]*)?$", max_length=128)]
+Options = Annotated[Mapping[str, Any], Reading(_options, schema={"type": "object"}, in_any_order=True)]
 Restarts = Annotated[int, Bounds(ge=0, le=MOST_RESTARTS)]
 Points = Annotated[int, Bounds(ge=0, le=MOST_POINTS)]
 Name = Annotated[str, Bounds(pattern=f"^{NAME_PATTERN}$")]

@@ -25,6 +25,7 @@ FASTEST_WIRE_BITS_PER_S: Final = 1_000_000  # ISO 11898-1, without CAN FD's seco
 _NUMERIC: Final = ("FLOAT", "LONG", "ULONG", "BLONG", "SHORT", "USHORT", "BSHORT", "CHAR", "UCHAR", "BCHAR")
 _TYPE_NAMES: Final = tuple(DataType.__members__)
 _NOT_NUMERIC: Final = frozenset(_TYPE_NAMES) - frozenset(_NUMERIC)
+_A_KIND: Final = {"sensor": "a sensor", "actuator": "an actuator"}
 
 E = TypeVar("E")
 
@@ -149,9 +150,19 @@ class _ReferenceRules:
                         self._findings.add(graph.WRONG_DEVICE, _value_place(plant, field, index), sentence, hint)
 
     def devices(self) -> None:
-        """Check that the PEs of devices exist."""
+        """Check that the PEs of devices exist, and that no device has a key of the other kind."""
         for device, form in _whole(self._draft.devices):
             self._name(_value_place(device, "pe"), "pe", form.pe, self._draft.pes)
+            foreign = (
+                {"limits": form.limits, "rate_limit": form.rate_limit, "safe": form.safe}
+                if form.kind == "sensor"
+                else {"range": form.span, "stale_ms": form.stale_ns}
+            )
+            for key, value in foreign.items():
+                if value is not None:
+                    other = "an actuator" if form.kind == "sensor" else "a sensor"
+                    sentence = f"device '{device.name}' is {_A_KIND[form.kind]}, and '{key}' is a key of {other}"
+                    self._findings.add(rules.OTHER_KINDS_KEY, _value_place(device, key), sentence, f"remove '{key}'")
 
     def variables(self) -> None:
         """Check that types exist, identifiers differ, initial values fit, and no gate has a variable's name."""

@@ -1,10 +1,24 @@
 """What there is to fly with: buses, PEs, devices, and the parts of the physical world that they see and move."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Annotated, Literal
 
-from heronry_dg.field_types import Capacity, Criticality, IdentifierRange, Labels, Names, Period, PositiveMemory, Share
+from heronry_dg.field_types import (
+    Capacity,
+    Criticality,
+    DriverName,
+    IdentifierRange,
+    Labels,
+    Names,
+    NumberRange,
+    Options,
+    Period,
+    PositiveMemory,
+    PositiveNumber,
+    SafeAction,
+    Share,
+)
 from heronry_dg.keys import Bounds, Key
 from heronry_dg.model.fallible import Fallible
 from heronry_wire.frame import MAX_DATA_BYTES
@@ -151,6 +165,40 @@ class Device(Fallible):
         Key("Whether the device gives data (sensor) or takes data (actuator).", "sensor"),
     ]
     pe: Annotated[str, Key("PE to which the device is connected.", "tail_pe")]
+    driver: Annotated[
+        DriverName | None,
+        Key("Driver of the real device: a shipped one, an entry point, or `package.module:Class`.", "bmp280"),
+    ] = None
+    options: Annotated[Options, Key("The driver's own options.", {"bus": 1})] = field(default_factory=dict)
+    stale_ns: Annotated[
+        Period | None,
+        Key(
+            "Age in ms from which a reading of a sensor is not valid; 5 periods of the fastest module on it if left "
+            "out.",
+            100,
+            called="stale_ms",
+        ),
+    ] = None
+    span: Annotated[
+        NumberRange | None,
+        Key(
+            "Least and largest valid reading of a sensor; a reading outside is not valid.", [300, 1100], called="range"
+        ),
+    ] = None
+    limits: Annotated[
+        NumberRange | None, Key("Least and largest command of an actuator; a command outside is clipped.", [-25, 25])
+    ] = None
+    rate_limit: Annotated[
+        PositiveNumber | None, Key("Fastest movement of an actuator, in units of its command per second.", 60)
+    ] = None
+    safe: Annotated[
+        SafeAction | None,
+        Key(
+            "What an actuator does while no command is valid: `hold`, `release` or a value; `release` if left out, or "
+            "`hold` if its driver cannot release.",
+            "release",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)

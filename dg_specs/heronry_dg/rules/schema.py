@@ -224,9 +224,18 @@ FOREIGN_IDENTIFIERS = FAMILY.stop(
 REVERSED_RANGE = FAMILY.stop(
     "DG124",
     "reversed-range",
-    what="A range of identifiers has its last identifier first.",
-    why="The first identifier counts in arbitration, so it must be certain which one that is.",
-    fix="Write the smaller identifier first.",
+    what="A range has its larger end first, or a range of readings or commands holds nothing.",
+    why="Which end is meant as the first must be certain: of identifiers, the first one counts in arbitration.",
+    fix="Write the smaller end first.",
     bad="buses: {can0: {bitrate: 1000000, foreign: [{range: [1815, 1800], bytes: 8, period_ms: 10}]}}\n",
     good="buses: {can0: {bitrate: 1000000, foreign: [{range: [1800, 1815], bytes: 8, period_ms: 10}]}}\n",
+)
+OTHER_KINDS_KEY = FAMILY.stop(
+    "DG125",
+    "other-kinds-key",
+    what="A sensor has `limits`, `rate_limit` or `safe`, or an actuator has `range` or `stale_ms`.",
+    why="A sensor has readings and an actuator has commands; the key would have no effect.",
+    fix="Remove the key, or write the one of the right kind: `range` of a sensor, `limits` of an actuator.",
+    bad="devices:\n  gps: {kind: sensor, pe: nav, limits: [0, 9]}\n  lamp: {kind: actuator, pe: tail}\n",
+    good="devices:\n  gps: {kind: sensor, pe: nav, range: [0, 9]}\n  lamp: {kind: actuator, pe: tail}\n",
 )

@@ -19,6 +19,7 @@ from pathlib import Path
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
+from heronry_agent.shell.device_choice import choose_drivers, read_devices
 from heronry_agent.shell.devices import PLANT, Devices, open_drivers
 from heronry_agent.shell.driver import AgentDriver, is_abandoned
 from heronry_agent.shell.image_catalogues import why_not_here
@@ -48,7 +49,8 @@ _USUAL_BITRATE = 1_000_000  # bit/s without --bitrate; limits the rate of SDO
 
 _EPILOG = """\
 examples:
-  pe-agent --table nav.table -i socketcan -c can0
+  pe-agent --table nav.table -i socketcan -c can0                  devices as the spec names their drivers
+  pe-agent --table nav.table -i socketcan -c can0 --simulated      simulated devices
   pe-agent --table nav.table --bus can0=vcan0 -i socketcan         the same, by the name of the bus in the spec
   pe-agent --table link.table -i socketcan -c can0 --bus radio=slcan:/dev/ttyUSB0     a gateway: each bus by name
   pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
@@ -120,9 +122,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--devices",
-        default=PLANT,
-        metavar="DRIVER",
-        help=f"name of an installed driver for this PE's devices (default: {PLANT}, the devices of a simulated flight)",
+        type=Path,
+        metavar="FILE",
+        help="JSON file with the drivers of devices on this node; it counts before the spec",
+    )
+    parser.add_argument(
+        "--simulated",
+        nargs="?",
+        const=PLANT,
+        metavar="SIMULATOR",
+        help=f"simulate every device that --devices does not name (by default with '{PLANT}')",
     )
     parser.add_argument("--until-eof", action="store_true", help="stop when standard input ends")
     talk = parser.add_mutually_exclusive_group()
@@ -146,7 +155,18 @@ def _run(arguments: argparse.Namespace) -> int:
         return 0
     configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
-    devices = Devices(table, open_drivers(table, origin_ns, arguments.devices))
+    named = {} if arguments.devices is None else read_devices(arguments.devices)
+    chosen = choose_drivers(table, named, simulated=arguments.simulated is not None)
+    buses = {port.bus: dict(channels[0]) for port, channels in zip(table.ports, configs, strict=True)}
+    drivers = open_drivers(
+        table,
+        origin_ns,
+        chosen,
+        simulated=arguments.simulated or PLANT,
+        buses=buses,
+        tell=lambda sentence: tell(Note("device", sentence)),
+    )
+    devices = Devices(table, drivers)
     followed, every_echo = devices.followed(), devices.every_echo()
     reasons = {module.image: why_not_here(module.image) for module in table.modules}
     missing = {image: reason for image, reason in reasons.items() if reason is not None}

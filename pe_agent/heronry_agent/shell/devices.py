@@ -4,28 +4,59 @@ The agent's process reads and commands the devices; the partition of a module do
 at the last moment (protocol rule 6), and a module that was stopped, or hangs, moves nothing. Only the device drivers
 (`heronry_agent.device`) depend on the hardware.
 
-Each device has one driver. At present all devices of a PE have the same driver, since a spec cannot name a driver yet:
-the driver that `pe-agent --devices` names, by default the plant. Only `open_drivers` depends on this; all other code
-here allows several drivers on a PE.
+Each device has one driver (`device_choice`). A simulated device is opened by an installed driver of the group
+`heronry.devices`, which runs in the agent's process: it is foreign code, but its exceptions do not end a running agent.
+After an exception a reading counts as missing, and a command as failed (`DriveFailed`). If it blocks, the agent's loop
+waits. A real device has a process of its own (`device_processes`), so that neither its code nor its hardware disturbs
+the agent.
 
-A driver is foreign code in the agent's process. Its exceptions do not end a running agent: after an exception a reading
-counts as missing, and a command as failed (`DriveFailed`). A driver that blocks also blocks the agent's loop; this file
-cannot prevent that.
+If a real device has failed, the report goes out with the answer to the next step of its module, as if the module had
+reported it.
 """
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from importlib.metadata import entry_points
+from types import MappingProxyType
+from typing import Any, Protocol, runtime_checkable
 
 from heronry_agent.core.vocabulary import Drive, DriveFailed, Driven, Heard
 from heronry_agent.device import Device, DeviceDriver
 from heronry_agent.module import Value
+from heronry_agent.shell.device_choice import RealDriver
 from heronry_agent.shell.module_runner import one_line
+from heronry_agent.shell.partition_log import PartitionLog
 from heronry_wire.errors import HeronryError
 from heronry_wire.pe_table import PeTable
 
+Buses = Mapping[str, Mapping[str, Any]]
+
 _GROUP = "heronry.devices"
 PLANT = "plant"  # name of the driver of the shipped aircraft's simulated devices
+
+
+@runtime_checkable
+class RealDevice(Device, Protocol):
+    """A device with a process of its own (`device_processes.isolated`)."""
+
+    @property
+    def log(self) -> PartitionLog | None:
+        """The pipe to which the process prints; None if there is none."""
+
+    def renew(self, exclusive_until_ns: int, lease_ns: int, now_ns: int) -> None:
+        """Renew the validity of the present command."""
+
+    def look(self, now_ns: int) -> None:
+        """Look after the process."""
+
+    def next_deadline_ns(self) -> int:
+        """Time in ns at which to call `look`, if nothing else comes before."""
+
+    def is_failed(self, now_ns: int) -> bool:
+        """Tell whether the device is to be reported failed."""
+
+    def close(self) -> None:
+        """End the process."""
 
 
 class DeviceDriverError(HeronryError):
@@ -50,19 +81,33 @@ def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
     return found
 
 
-def open_drivers(table: PeTable, origin_ns: int, name: str = PLANT) -> dict[str, DeviceDriver]:
-    """Start the device driver `name`; returns, by name of a device, the driver that opens it.
-
-    The mapping has an entry for each device of the modules in the table, with the same driver for all.
-    It is empty, and no driver is started, if no module of the table has a device.
+def open_drivers(
+    table: PeTable,
+    origin_ns: int,
+    chosen: Mapping[str, RealDriver | None],
+    *,
+    simulated: str = PLANT,
+    buses: Buses = MappingProxyType({}),
+    tell: Callable[[str], None] = lambda _: None,
+) -> dict[str, DeviceDriver]:
+    """Start the drivers of a PE's devices; returns, by name of a device, the driver that opens it.
 
     origin_ns: take-off time of the simulated flight, in ns of the monotonic clock.
+    chosen: the driver of each device; None: it is simulated, by the driver `simulated`, which is started only then.
+    buses: arguments of python-can, by name of the bus.
+    tell: called with a sentence for the log.
 
     Raises DeviceDriverError.
     """
-    names = {module.device: name for module in table.modules if module.device is not None}
-    made = {name: _started(name, origin_ns) for name in sorted(set(names.values()))}
-    return {device: made[name] for device, name in names.items()}
+    real = {device: driver for device, driver in chosen.items() if driver is not None}
+    drivers: dict[str, DeviceDriver] = {}
+    if real:
+        from heronry_agent.shell.device_processes.isolated import IsolatedDriver  # noqa: PLC0415 - most PEs need none
+
+        drivers = dict.fromkeys(real, IsolatedDriver(table, real, buses, tell))
+    if len(real) < len(chosen):
+        drivers |= dict.fromkeys(chosen.keys() - real.keys(), _started(simulated, origin_ns))
+    return drivers
 
 
 def _started(name: str, origin_ns: int) -> DeviceDriver:
@@ -72,7 +117,7 @@ def _started(name: str, origin_ns: int) -> DeviceDriver:
     except Exception as error:
         raise DeviceDriverError(
             f"device driver '{name}' does not start: {one_line(error)}; "
-            "mend what it needs on this computer, or name another driver with --devices"
+            "mend what it needs on this computer, or name another driver with --simulated"
         ) from error
 
 
@@ -87,7 +132,10 @@ class Devices:
         self._drivers = drivers
         self._every_driver = tuple({id(driver): driver for driver in drivers.values()}.values())
         self._opened: dict[str, Device] = {}
+        self._names = {module.index: module.device for module in table.modules}
         self._bolted_to = {module.index: self._open(module.device) for module in table.modules}
+        self.real = tuple(device for device in self._opened.values() if isinstance(device, RealDevice))
+        self._real_of = {module: device for module, device in self._bolted_to.items() if isinstance(device, RealDevice)}
 
     def _open(self, name: str | None) -> Device | None:
         if name is None:
@@ -98,7 +146,7 @@ class Devices:
             except Exception as error:
                 raise DeviceDriverError(
                     f"device {name} cannot be opened by its driver: {one_line(error)}; "
-                    "check the device and its connection, or name another driver with --devices"
+                    "check the device and its connection, or name another driver"
                 ) from error
         return self._opened[name]
 
@@ -158,6 +206,27 @@ class Devices:
         """Take the safe action of every device, because no module runs any more."""
         for device in self._opened.values():
             _make_safe(device, now_ns)
+
+    def reports(self, module: int, now_ns: int) -> tuple[tuple[str, int], ...]:
+        """Return the report that the real device of a module has failed, as a module would give it, or none."""
+        device = self._real_of.get(module)
+        if device is not None and device.is_failed(now_ns):
+            return ((f"device:{self._names[module]}", 0),)
+        return ()
+
+    def look(self, exclusive_until_ns: int, lease_ns: int, now_ns: int) -> None:
+        """Renew the validity of commands to real devices, and look after their processes; call it in every turn.
+
+        exclusive_until_ns: end of the authorization of exclusive outputs, before `now_ns` if there is none.
+        """
+        for device in self.real:
+            device.renew(exclusive_until_ns, lease_ns, now_ns)
+            device.look(now_ns)
+
+    def close(self) -> None:
+        """End the processes of real devices, after their safe actions."""
+        for device in self.real:
+            device.close()
 
     def heard(self, echo: Heard, now_ns: int) -> None:
         """Hand the value in another PE's output echo to every device driver; an exception in a driver has no effect."""

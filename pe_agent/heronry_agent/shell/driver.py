@@ -129,6 +129,7 @@ class AgentDriver:
             ready, _, _ = select.select(readers, [], [], max(0, due_ns - now_ns) / _NS_PER_S)
             self._let_frames_gather(ready, due_ns)
             self._measure_lateness(time.monotonic_ns())
+            self._look_at_devices()
             if always and sys.stdin in ready and is_abandoned():
                 break
             self._turn(ready)
@@ -185,6 +186,12 @@ class AgentDriver:
         stood_still = self._meter.woke(now_ns, time.thread_time_ns())
         if stood_still is not None:
             self._step(now_ns, stood_still)
+
+    def _look_at_devices(self) -> None:
+        """Renew what is allowed to be driven, from what is known now: after a pause, nothing exclusive."""
+        now_ns = time.monotonic_ns()
+        until_ns = self.core.output_authorization.until_ns(now_ns)
+        self._host.look_at_devices(until_ns, self.core.lease_ns, now_ns)
 
     def _look_at_links(self, now_ns: int) -> None:
         """Log the link status events of all buses, and report changes of lost channels to the core.

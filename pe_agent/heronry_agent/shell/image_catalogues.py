@@ -59,12 +59,11 @@ def why_not_here(name: str) -> str | None:
     module, _, _ = target.partition(":")
     if not module:
         return _not_in_catalogue(name)
-    return (
-        None if _is_installed(module) else f"image '{name}': there is no {module} here; install it, or set PYTHONPATH"
-    )
+    return None if is_installed(module) else f"image '{name}': there is no {module} here; install it, or set PYTHONPATH"
 
 
-def _is_installed(module: str) -> bool:
+def is_installed(module: str) -> bool:
+    """Tell whether there is a Python module of this name here; nothing is imported."""
     path: Sequence[str] | None = None
     parts = module.split(".")
     for number in range(1, len(parts) + 1):

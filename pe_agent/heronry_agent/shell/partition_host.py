@@ -111,6 +111,10 @@ class PartitionHost:
                     watched.append(log)
                 elif log.look_ns < due_ns:
                     due_ns = log.look_ns
+        for device in self._devices.real:
+            due_ns = min(due_ns, device.next_deadline_ns())
+            if device.log is not None and now_ns >= device.log.look_ns:
+                watched.append(device.log)
         return watched, min(due_ns, now_ns + _REAP_NS) if self._ending else due_ns
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
@@ -139,6 +143,10 @@ class PartitionHost:
                 pass
         return None
 
+    def look_at_devices(self, exclusive_until_ns: int, lease_ns: int, now_ns: int) -> None:
+        """Renew the validity of commands to devices (`Devices.look`); call this at the beginning of each turn."""
+        self._devices.look(exclusive_until_ns, lease_ns, now_ns)
+
     def flush(self, now_ns: int) -> None:
         """Send the orders that `carry_out` has collected; call this at the end of each turn of the loop."""
         for process in self._processes.values():
@@ -161,6 +169,9 @@ class PartitionHost:
                 self._look_at_loading(process, now_ns)
             if process.broken is not None:
                 self._end(process.name, tell=True)
+        for device in self._devices.real:
+            if device.log is not None and device.log in ready:
+                device.log.read(now_ns)
         if self._ending:
             events += self._reap()
         if now_ns >= self._warm_ns and not self._load_by_ns:
@@ -177,6 +188,7 @@ class PartitionHost:
     def close(self) -> None:
         """End all partitions, make every device safe, and wait until every process has ended."""
         self.abandon()
+        self._devices.close()
         while self._ending:
             self._reap()
             time.sleep(_REAP_NS / 1e9)
@@ -256,7 +268,8 @@ class PartitionHost:
             case Done(module, release, ended_ns, result):
                 spent_ns = process.answered(module, release, min(ended_ns, now_ns), self._period_ns(module))
                 if spent_ns is not None:
-                    outputs, writes, reports = result.outputs, result.writes, result.reports
+                    outputs, writes = result.outputs, result.writes
+                    reports = result.reports + self._devices.reports(module, now_ns)
                     asked = result.phases, spent_ns, result.priorities, result.misspelt
                     yield Stepped(module, release, outputs, writes, reports, *asked)
                     return

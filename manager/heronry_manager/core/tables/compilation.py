@@ -5,6 +5,7 @@ digest of a slice covers the identity of the table, so the indices mean the same
 the slice.
 """
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.echo_rates import EchoRates
 from heronry_dg.expendable import expendable
 from heronry_dg.field_types import CRITICALITIES
-from heronry_dg.model import Module, Phase, Spec, Variable
+from heronry_dg.model import Device, Module, Phase, Spec, Variable
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import criticality_ranks, identifiers
 from heronry_dg.uplinks import radios
@@ -23,7 +24,9 @@ from heronry_manager.core.topology import command_period_ns, uplink_bus
 from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
 from heronry_wire.management import MOST_FUNCTIONS
 from heronry_wire.pe_table import (
+    STALE_PERIODS,
     DeviceEntry,
+    DriverEntry,
     LeafEntry,
     ModeEntry,
     ModuleEntry,
@@ -135,6 +138,11 @@ class Compiler:
             flight_critical=tuple(_flight_critical(spec)),
             echoes_per_s=self._echo_rates.of(pe),
             command_period_ns=command_period_ns(spec, pe),
+            drivers=tuple(
+                _driver_entry(device, _fastest_period_ns(spec, device))
+                for device in spec.devices.values()
+                if device.pe == pe and _says_of_its_driver(device)
+            ),
         )
 
     def configuration(self, configuration: Configuration) -> CompiledConfiguration:
@@ -269,6 +277,37 @@ def _flight_critical(spec: Spec) -> Iterator[str]:
     yield from (f"module:{name}" for name in critical)
     bolted = {spec.modules[name].device for name in critical}
     yield from (f"device:{name}" for name in spec.devices if name in bolted)
+
+
+def _says_of_its_driver(device: Device) -> bool:
+    said = (device.driver, device.stale_ns, device.span, device.limits, device.rate_limit, device.safe)
+    return bool(device.options) or any(one is not None for one in said)
+
+
+def _fastest_period_ns(spec: Spec, device: Device) -> int:
+    """Give the shortest period in ns of the modules on a device, in any mode; a second if there is none."""
+    rates = (
+        mode.rate_mhz
+        for module in spec.modules.values()
+        if module.device == device.name
+        for mode in module.modes.values()
+    )
+    return 10**12 // max(rates, default=1000)
+
+
+def _driver_entry(device: Device, period_ns: int) -> DriverEntry:
+    least, most = device.span or device.limits or (None, None)
+    safe = "release" if device.safe is None else device.safe
+    return DriverEntry(
+        device=device.name,
+        driver=device.driver,
+        options=json.dumps(device.options, sort_keys=True),
+        stale_ns=device.stale_ns or STALE_PERIODS * period_ns,
+        least=None if least is None else float(least),
+        most=None if most is None else float(most),
+        per_s=None if device.rate_limit is None else float(device.rate_limit),
+        safe=safe if isinstance(safe, str) else float(safe),
+    )
 
 
 def _variable_entry(variable: Variable) -> VariableEntry:

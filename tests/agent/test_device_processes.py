@@ -1,0 +1,305 @@
+"""Devices with a process of their own: whatever a driver does, the agent goes on, and an actuator ends safely.
+
+The processes are real; files stand for the hardware (`drivers_that_misbehave`).
+"""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from itertools import groupby, pairwise
+from pathlib import Path
+
+import pytest
+
+from heronry_agent.shell.device_processes.isolated import IsolatedDevice
+from heronry_agent.shell.device_processes.judgement import ReadingRule
+from heronry_agent.shell.device_processes.orders import DeviceOrders
+
+MS = 1_000_000
+LEASE_NS = 100 * MS
+PATIENCE_S = 60.0
+TESTS = str(Path(__file__).resolve().parents[1])
+
+
+class Bench:
+    """One device, looked after as the agent's loop does it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.said: list[str] = []
+        self.said_ns = 0
+        self.device: IsolatedDevice
+        (folder / "reading").write_text("1.5")
+
+    def say(self, sentence: str) -> None:
+        self.said.append(sentence)
+        self.said_ns = time.monotonic_ns()
+
+    def sensor(self, kind: str = "FileSensor", **rule: float) -> "Bench":
+        orders = DeviceOrders("probe", False, f"agent.drivers_that_misbehave:{kind}", self._options(), 10 * MS)
+        self.device = IsolatedDevice(orders, ReadingRule(200 * MS, **rule), is_exclusive=False, tell=self.say)
+        return self
+
+    def servo(self, *, safe: str | float = "release", is_exclusive: bool = False, **more: float) -> "Bench":
+        options = self._options() | {key: value for key, value in more.items() if key == "longest_ms"}
+        limits = {key: value for key, value in more.items() if key != "longest_ms"}
+        kind = "agent.drivers_that_misbehave:FileServo"
+        orders = DeviceOrders("servo", True, kind, options, 10 * MS, safe, **limits)
+        rule = ReadingRule(200 * MS)
+        self.device = IsolatedDevice(orders, rule, is_exclusive=is_exclusive, tell=self.say)
+        return self
+
+    def _options(self) -> dict[str, object]:
+        return {"folder": str(self.folder)}
+
+    def order(self, what: str) -> None:
+        (self.folder / "order").write_text(what)
+
+    def turn(self, exclusive_until_ns: int | None = None) -> int:
+        now_ns = time.monotonic_ns()
+        self.device.renew(now_ns + LEASE_NS if exclusive_until_ns is None else exclusive_until_ns, LEASE_NS, now_ns)
+        self.device.look(now_ns)
+        return now_ns
+
+    def until(self, is_so: Callable[[], bool]) -> None:
+        """Turn until something is so; fails if that takes too long, for which there is no bound in the product."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not is_so():
+            assert time.monotonic() < end_s, f"{is_so} does not come true; {self.said}"
+            self.turn()
+            time.sleep(0.005)
+
+    def reads(self) -> object:
+        reading = self.device.read(time.monotonic_ns())
+        return reading.value if reading.valid else None
+
+    def command(self, value: float) -> object:
+        return self.device.command(value, self.turn())
+
+    def register(self) -> str:
+        file = self.folder / "register"
+        return file.read_text() if file.exists() else ""
+
+    def lines(self) -> list[tuple[int, str]]:
+        """What was written to the servo, each with its time in ns."""
+        file = self.folder / "writes"
+        lines = file.read_text().splitlines() if file.exists() else []
+        return [(int(at), value) for at, value in (line.split() for line in lines)]
+
+    def values(self) -> list[str]:
+        """What was written to the servo, without repetitions."""
+        return [value for value, _ in groupby(value for _, value in self.lines())]
+
+    def failed(self) -> bool:
+        return self.device.is_failed(time.monotonic_ns())
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([TESTS, os.environ.get("PYTHONPATH", "")]))
+    bench = Bench(tmp_path)
+    yield bench
+    (tmp_path / "order").unlink(missing_ok=True)
+    bench.device.close()
+
+
+# Sensors
+
+
+def test_a_sensor_is_read_in_its_process(bench: Bench) -> None:
+    bench.sensor()
+    assert bench.reads() is None, "never read, and so nothing, not 0.0"
+    assert not bench.failed()
+    bench.until(lambda: bench.reads() == 1.5)
+    (bench.folder / "reading").write_text("2.5")
+    bench.until(lambda: bench.reads() == 2.5)
+    assert not bench.failed()
+
+
+@pytest.mark.parametrize("what", ["nan", "infinite", "far", "old", "future", "nothing"])
+def test_what_is_no_valid_reading_is_none_and_a_device_without_any_has_failed(bench: Bench, what: str) -> None:
+    bench.sensor(least=-10.0, most=10.0)
+    bench.until(lambda: bench.reads() == 1.5)
+    bench.order(what)
+    bench.until(lambda: bench.failed() and bench.reads() is None)
+    assert bench.said == [], "the process goes on"
+    bench.order("")
+    bench.until(lambda: bench.reads() == 1.5)
+    assert not bench.failed()
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("exit", "ended with exit code 9"),
+        ("segfault", "was killed by SIGSEGV"),
+        ("raise", "ended with exit code 1"),
+        ("hang", "hangs, and is ended"),
+        ("no value", "ended with exit code 1"),
+    ],
+)
+def test_a_driver_that_ends_or_hangs_is_started_again_and_given_up_after_its_budget(
+    bench: Bench, what: str, says: str
+) -> None:
+    bench.sensor()
+    bench.until(lambda: bench.reads() == 1.5)
+    bench.order(what)
+    bench.until(lambda: any("it is given up" in line for line in bench.said))
+    assert bench.failed()
+    assert bench.reads() is None
+    assert any(says in line for line in bench.said)
+    assert [line[-8:] for line in bench.said if "again" in line] == ["(1 of 3)", "(2 of 3)", "(3 of 3)"]
+
+
+def test_a_driver_that_ended_once_reads_again(bench: Bench) -> None:
+    bench.sensor()
+    bench.until(lambda: bench.reads() == 1.5)
+    os.kill(bench.device.pid or 0, signal.SIGKILL)
+    bench.until(lambda: bool(bench.said))
+    (bench.folder / "reading").write_text("3.5")
+    bench.until(lambda: bench.reads() == 3.5)
+    assert bench.said == ["the driver of device probe was killed by SIGKILL; it is started again (1 of 3)"]
+
+
+def test_a_flood_of_readings_is_read_as_its_newest(bench: Bench) -> None:
+    bench.sensor("FloodingSensor")
+    bench.until(lambda: bench.reads() == 1.5)
+    (bench.folder / "reading").write_text("4.5")
+    bench.until(lambda: bench.reads() == 4.5)
+    assert not bench.failed()
+
+
+def test_a_driver_with_wrong_options_is_given_up_at_once(bench: Bench) -> None:
+    orders = DeviceOrders("probe", False, "agent.drivers_that_misbehave:FileSensor", {"fodler": "x"}, 10 * MS)
+    bench.device = IsolatedDevice(orders, ReadingRule(200 * MS), is_exclusive=False, tell=bench.said.append)
+    bench.until(bench.failed)
+    assert bench.said == ["the driver of device probe ended with exit code 2; it is given up"]
+
+
+# Actuators
+
+
+def test_an_actuator_is_safe_before_its_first_command_and_after_its_last(bench: Bench) -> None:
+    bench.servo()
+    bench.until(lambda: bench.register() == "released")
+    bench.command(5.0)
+    bench.until(lambda: bench.register() == "5.0")
+    bench.until(lambda: bench.command(6.0) == 6.0)
+    bench.device.make_safe(time.monotonic_ns())
+    bench.until(lambda: bench.register() == "released")
+
+
+@pytest.mark.parametrize(("safe", "ends"), [("hold", "5.0"), ("release", "released"), (-3.0, "-3.0")])
+def test_an_agent_that_no_longer_renews_leaves_the_safe_action_to_the_process(
+    bench: Bench, safe: str | float, ends: str
+) -> None:
+    bench.servo(safe=safe)
+    bench.until(lambda: bench.command(5.0) == 5.0)
+    end_s = time.monotonic() + PATIENCE_S
+    while bench.register() != ends and time.monotonic() < end_s:
+        time.sleep(0.01)  # no turn of the loop: the agent is paused
+    assert bench.register() == ends
+
+
+def test_a_command_that_has_expired_is_not_revived_by_a_later_authorization(bench: Bench) -> None:
+    bench.servo(is_exclusive=True)
+    bench.until(lambda: bench.command(5.0) == 5.0)
+    bench.turn(exclusive_until_ns=time.monotonic_ns() - 1)
+    bench.until(lambda: bench.register() == "released")
+    writes = (bench.folder / "writes").read_text()
+    for _ in range(20):
+        bench.turn()
+        time.sleep(0.005)
+    assert (bench.folder / "writes").read_text() == writes
+    assert bench.device.command(7.0, bench.turn(exclusive_until_ns=time.monotonic_ns() - 1)) is None
+    bench.command(8.0)
+    bench.until(lambda: bench.register() == "8.0")
+
+
+def test_limits_clip_and_the_rate_limit_slows(bench: Bench) -> None:
+    bench.servo(safe=0.0, least=-10.0, most=10.0, per_s=100.0)
+    bench.until(lambda: bench.register() == "0.0")
+    bench.until(lambda: bench.command(50.0) == 10.0)
+    steps = [float(value) for _, value in bench.lines()]
+    assert max(steps) == 10.0
+    assert len(steps) > 5
+    assert all(later - earlier <= 2.0 for earlier, later in pairwise(steps)), "20 ms at 100 units/s"
+
+
+def test_an_output_that_was_on_for_its_longest_time_goes_off_and_stays_off(bench: Bench) -> None:
+    bench.servo(safe=0.0, longest_ms=50)
+    bench.until(lambda: bench.values() == ["0.0"])
+    bench.until(lambda: bench.command(1.0) is not None and bench.values() == ["0.0", "1.0", "0.0"])
+    for _ in range(30):
+        bench.command(1.0)
+        time.sleep(0.005)
+    assert bench.values() == ["0.0", "1.0", "0.0"], "the same order does not switch it on again"
+    assert not bench.failed(), "it was refused, and that was answered"
+    os.kill(bench.device.pid or 0, signal.SIGKILL)
+    bench.until(lambda: bool(bench.said))
+    bench.until(lambda: len(bench.lines()) > 1 and bench.lines()[-1][0] > bench.said_ns and bench.register() == "0.0")
+    bench.command(1.0)
+    bench.until(lambda: not bench.device.owes)
+    assert bench.register() == "0.0", "nor does a process that has begun anew"
+    bench.command(0.0)
+    bench.until(lambda: not bench.device.owes)
+    bench.command(1.0)
+    bench.until(lambda: bench.values()[-3:] == ["0.0", "1.0", "0.0"] and len(bench.values()) == 5)
+
+
+def test_a_driver_that_was_killed_takes_the_safe_action_first_and_then_the_next_command(bench: Bench) -> None:
+    bench.servo()
+    bench.until(lambda: bench.command(5.0) == 5.0)
+    (bench.folder / "writes").unlink()
+    os.kill(bench.device.pid or 0, signal.SIGKILL)
+    bench.until(lambda: bool(bench.said))
+    bench.until(lambda: bench.command(6.0) == 6.0)
+    first, *rest = [value for _, value in bench.lines()]
+    assert first == "released"
+    assert set(rest) <= {"5.0", "6.0"}
+
+
+def test_a_driver_that_hangs_in_a_write_is_told_and_one_that_goes_on_is_safe(bench: Bench) -> None:
+    bench.servo()
+    bench.until(lambda: bench.command(5.0) == 5.0)
+    bench.order("hang")
+    bench.command(6.0)
+    bench.until(bench.failed)
+    bench.order("")
+    bench.until(lambda: any("hangs" in line for line in bench.said))
+    bench.device.make_safe(time.monotonic_ns())
+    bench.until(lambda: bench.register() == "released")
+
+
+def test_a_paused_driver_writes_nothing_but_the_safe_value_when_it_goes_on(bench: Bench) -> None:
+    bench.servo(safe=-1.0)
+    bench.until(lambda: bench.command(5.0) == 5.0)
+    os.kill(bench.device.pid or 0, signal.SIGSTOP)
+    bench.command(6.0)
+    time.sleep(2 * LEASE_NS / 1e9)  # the agent is paused, too: nothing is renewed
+    expired_ns = time.monotonic_ns()
+    os.kill(bench.device.pid or 0, signal.SIGCONT)
+    end_s = time.monotonic() + PATIENCE_S
+    while bench.register() != "-1.0" and time.monotonic() < end_s:
+        time.sleep(0.01)
+    late = [
+        line.split()[1]
+        for line in (bench.folder / "writes").read_text().splitlines()
+        if int(line.split()[0]) > expired_ns
+    ]
+    assert late == ["-1.0"]
+
+
+def test_the_end_in_order_is_safe(bench: Bench) -> None:
+    bench.servo(safe=-1.0)
+    bench.until(lambda: bench.command(5.0) == 5.0)
+    bench.device.close()
+    assert bench.register() == "-1.0"
+    bench.sensor()  # for the end of the test
+
+
+def test_a_command_that_is_no_number_is_refused(bench: Bench) -> None:
+    bench.servo()
+    with pytest.raises(TypeError, match="device servo moves by a number, not by 'up'"):
+        bench.device.command("up", bench.turn())
