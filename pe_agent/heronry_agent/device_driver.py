@@ -57,19 +57,17 @@ class Option:
     most: float | None = None  # of a number
     choices: tuple[str | int, ...] = ()
 
-    def checked(self, name: str, given: object) -> Any:
+    def checked(self, name: str, given: Any) -> Any:
         """Return a value that fits; raises OptionError. A whole number fits where a float is wanted."""
         value = float(given) if self.kind is float and type(given) is int else given
         if type(value) is not self.kind:
             raise OptionError(f"option '{name}' must be {_KINDS[self.kind]}, not {given!r:.60}")
         if self.choices and value not in self.choices:
             raise OptionError(f"option '{name}' must be one of {', '.join(map(str, self.choices))}, not {given!r:.60}")
-        for bound, is_outside, word in (
-            (self.least, lambda low: value < low, "at least"),
-            (self.most, lambda high: value > high, "at most"),
-        ):
-            if bound is not None and is_outside(bound):
-                raise OptionError(f"option '{name}' must be {word} {bound:g}, not {given!r:.60}")
+        if self.least is not None and value < self.least:
+            raise OptionError(f"option '{name}' must be at least {self.least:g}, not {given!r:.60}")
+        if self.most is not None and value > self.most:
+            raise OptionError(f"option '{name}' must be at most {self.most:g}, not {given!r:.60}")
         return value
 
 

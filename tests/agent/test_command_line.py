@@ -12,7 +12,7 @@ from agent.one_pe import GATEWAY_TABLE, TABLE
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell import cli
 from heronry_agent.shell.cli import main
-from heronry_wire.protocol_version import Version
+from heronry_wire.protocol_version import PROTOCOL, Version
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_a_gateway_needs_every_bus_by_name(capsys: pytest.CaptureFixture[str], t
 def test_a_device_driver_that_is_not_there_is_told_before_the_bus_is_touched(
     capsys: pytest.CaptureFixture[str], table: str
 ) -> None:
-    code, line = complaint(capsys, "--table", table, "--devices", "absent", "-i", "softbus", "-c", "/no/such.sock")
+    code, line = complaint(capsys, "--table", table, "--simulated", "absent", "-i", "softbus", "-c", "/no/such.sock")
     assert (code, line) == (2, "pe-agent: no device driver is named 'absent'; installed are: flight, plant")
 
 
@@ -85,7 +85,10 @@ def test_a_device_driver_that_is_not_there_is_told_before_the_bus_is_touched(
         (b"[]", "not a JSON object"),
         (TABLE.to_json().replace('"node_id":93', '"node_id":3').encode(), "is damaged"),
         (replace(TABLE, node_id=3).to_json().encode(), "node_id 3"),
-        (replace(TABLE, protocol=Version(2, 0)).to_json().encode(), "of protocol 2.0, and this agent speaks 1.1"),
+        (
+            replace(TABLE, protocol=Version(2, 0)).to_json().encode(),
+            f"of protocol 2.0, and this agent speaks {PROTOCOL}",
+        ),
     ],
 )
 def test_a_table_that_cannot_be_used(
@@ -114,7 +117,9 @@ def test_a_table_without_an_end_is_no_table(capsys: pytest.CaptureFixture[str], 
 
 
 def test_a_bus_that_is_not_there(capsys: pytest.CaptureFixture[str], table: str, tmp_path: Path) -> None:
-    code, line = complaint(capsys, "--table", table, "-q", "--bus", f"can0=softbus:{tmp_path / 'none.sock'}")
+    code, line = complaint(
+        capsys, "--table", table, "--simulated", "-q", "--bus", f"can0=softbus:{tmp_path / 'none.sock'}"
+    )
     assert code == 2
     assert "no bus answers there" in line
 

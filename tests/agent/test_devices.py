@@ -12,11 +12,13 @@ from agent.recorded_devices import RecordedDevice, RecordedDriver
 from heronry_agent.core.vocabulary import Drive, DriveFailed, Driven, Heard, PartitionEnded, StopModule
 from heronry_agent.device import DeviceDriver, Reading
 from heronry_agent.module import Value
+from heronry_agent.shell.device_choice import choose_drivers
 from heronry_agent.shell.devices import PLANT, DeviceDriverError, Devices, find_device_driver, open_drivers
 from heronry_tools.aircraft.plant import Plant
 from heronry_wire.configuration_slice import Slice
 
 GROUP = "heronry.devices"
+SIMULATED = dict.fromkeys(("left", "right"))
 GROUNDED = replace(TABLE, modules=tuple(module for module in TABLE.modules if module.device is None))
 
 
@@ -57,7 +59,7 @@ def test_a_driver_that_cannot_be_loaded_is_one_sentence(
 
 
 def test_a_pe_opens_the_drivers_of_what_its_modules_are_bolted_to() -> None:
-    drivers = open_drivers(TABLE, 5)
+    drivers = open_drivers(TABLE, 5, SIMULATED)
     assert drivers.keys() == {"left", "right"}
     assert drivers["left"] is drivers["right"], "one driver has both"
     assert isinstance(drivers["left"], Plant)
@@ -65,7 +67,7 @@ def test_a_pe_opens_the_drivers_of_what_its_modules_are_bolted_to() -> None:
 
 def test_a_pe_without_a_device_loads_no_driver(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("heronry_agent.shell.devices.entry_points", None)  # no driver is looked up
-    assert open_drivers(GROUNDED, 5) == {}
+    assert open_drivers(GROUNDED, 5, choose_drivers(GROUNDED, {}, simulated=True)) == {}
     assert Devices(GROUNDED, {}).followed() == frozenset()
 
 
@@ -75,7 +77,7 @@ def test_a_driver_that_does_not_start_is_one_sentence(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("heronry_agent.shell.devices.find_device_driver", lambda _: no_bus)
     with pytest.raises(DeviceDriverError, match=r"device driver 'plant' does not start: FileNotFoundError.*/dev/i2c-1"):
-        open_drivers(TABLE, 5)
+        open_drivers(TABLE, 5, SIMULATED)
 
 
 def test_a_device_that_its_driver_cannot_open_is_one_sentence() -> None:

@@ -53,7 +53,8 @@ class Ground:
 
     def start(self, *more: str) -> subprocess.Popen[str]:
         """Start an agent, and wait until it speaks or ends."""
-        arguments = ["--table", str(self.table), "-i", self.place["interface"], "-c", self.place["channel"], *more]
+        bus = ["-i", self.place["interface"], "-c", self.place["channel"]]
+        arguments = ["--simulated", "--table", str(self.table), *bus, *more]
         agent = subprocess.Popen(
             [sys.executable, "-m", "heronry_agent", *arguments],
             stdin=subprocess.PIPE,

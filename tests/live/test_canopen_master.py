@@ -40,7 +40,7 @@ class Desk:
         self.network = canopen.Network()
         self.network.connect(**self.place)
         self.remote: Any = self.network.add_node(self.node, EDS)  # type: ignore[no-untyped-call]
-        flags = ["--table", str(self.table), "-i", interface, "-c", channel, "--until-eof"]
+        flags = ["--simulated", "--table", str(self.table), "-i", interface, "-c", channel, "--until-eof"]
         self.agent = subprocess.Popen(
             [sys.executable, "-m", "heronry_agent", *flags], stdin=subprocess.PIPE, stderr=subprocess.PIPE
         )

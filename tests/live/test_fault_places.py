@@ -73,7 +73,7 @@ class Desk:
                 (folder / "chute_code.py").write_text(code)
             table = str(folder / "table")
             subprocess.run([*PYTHON, "heronry_tools", "table", self._spec, pe, "-o", table], check=True)
-            self._start(["heronry_agent", "--table", table, *self._bus], {"PYTHONPATH": str(folder)})
+            self._start(["heronry_agent", "--simulated", "--table", table, *self._bus], {"PYTHONPATH": str(folder)})
         with self._events.open("w") as events:
             self._start(["heronry_tools", "manager", self._spec, *self._bus, "--json"], {}, events)
 

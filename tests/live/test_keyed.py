@@ -120,8 +120,8 @@ def test_a_pe_with_a_key_takes_its_table_only_with_the_key_and_an_unlock(
     )  # fmt: skip
     for pe in PES[:2]:
         assert main(["table", str(fleet.spec), pe, "-o", str(fleet.folder / f"{pe}.table")]) == 0
-        fleet.start("heronry_agent", "--table", str(fleet.folder / f"{pe}.table"))
-    fleet.start("heronry_agent", "--node", str(TAIL_NODE))
+        fleet.start("heronry_agent", "--simulated", "--table", str(fleet.folder / f"{pe}.table"))
+    fleet.start("heronry_agent", "--simulated", "--node", str(TAIL_NODE))
     until(manager, PeJoined, pe="control_pe")
     capsys.readouterr()
     assert fleet.send_table() == 2

@@ -49,7 +49,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TESTS = ROOT / "tests"
 SPEC_FILE = ROOT / "dg_specs" / "elevator_and_chute.dg.yaml"
 MANAGER = [sys.executable, "-m", "heronry_tools", "manager"]
-AGENT = [sys.executable, "-m", "heronry_agent"]
+AGENT = [sys.executable, "-m", "heronry_agent", "--simulated"]
 BOOT_UP, PRE_OPERATIONAL = 0x00, 0x7F
 
 

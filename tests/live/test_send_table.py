@@ -35,6 +35,7 @@ class WaitingPe:
     def __init__(self, hub: HubProcess, *more: str) -> None:
         self.bus = can.Bus(interface="softbus", channel=str(hub.path))
         words = [sys.executable, "-m", "heronry_agent", "--node", str(NODE), "-i", "softbus", "-c", str(hub.path)]
+        words.append("--simulated")
         self.process = subprocess.Popen([*words, *more], stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def hear(self, identifier: int) -> can.Message:

@@ -99,7 +99,10 @@ def agent_on_a_bus(folder: Path, env: dict[str, str], table: Path) -> Iterator[t
         start_hub(folder / "can0.sock") as hub,
         can.Bus(interface="softbus", channel=str(hub.path)) as bus,
         subprocess.Popen(
-            [sys.executable, "-m", "heronry_agent", "--table", str(table), "-i", "softbus", "-c", str(hub.path)],
+            [
+                *(sys.executable, "-m", "heronry_agent", "--table", str(table), "--simulated"),
+                *("-i", "softbus", "-c", str(hub.path)),
+            ],
             env=env,
             stderr=subprocess.PIPE,
             text=True,

@@ -27,7 +27,7 @@ def target_of(name: str) -> str:
     """
     target = name
     if ":" not in name:
-        offered = {one.name: one.value for one in entry_points(group=_GROUP)} | SHIPPED
+        offered = {**{one.name: one.value for one in entry_points(group=_GROUP)}, **SHIPPED}
         if name not in offered:
             raise UnknownDriverError(
                 f"there is no driver '{name}'; "

@@ -150,7 +150,7 @@ def _agents(count: int, period_ms: int) -> Iterator[tuple[SoftBus, list[int]]]:
 
 
 def _start(table: Path, channel: Path | str) -> "subprocess.Popen[bytes]":
-    words = ["--table", str(table), "-i", "softbus", "-c", str(channel), "--quiet", "--until-eof"]
+    words = ["--simulated", "--table", str(table), "-i", "softbus", "-c", str(channel), "--quiet", "--until-eof"]
     return subprocess.Popen([sys.executable, "-m", "heronry_agent", *words], stdin=subprocess.PIPE)
 
 

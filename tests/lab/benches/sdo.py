@@ -43,7 +43,7 @@ def measure(arguments: Namespace, report: Report) -> None:
         _tell_rates(_bare(str(hub.path), arguments.runs), report)
         spec = load(shipped_spec_path(_SPEC))
         table = write_tables(spec, (_PE,), Path(folder))[_PE]
-        words = [sys.executable, "-m", "heronry_agent", "--table", str(table), "--until-eof", "--quiet"]
+        words = [sys.executable, "-m", "heronry_agent", "--simulated", "--table", str(table), "--until-eof", "--quiet"]
         with subprocess.Popen([*words, "-i", "softbus", "-c", str(hub.path)], stdin=subprocess.PIPE) as agent:
             _transfer(str(hub.path), spec.pes[_PE].node_id, arguments.runs, agent.pid, report)
             agent.terminate()

@@ -35,9 +35,9 @@ runs and the PE is authorized, the agent renews this time, in every turn of its 
     any other actuator        T_lease from now
 
 The process takes the safe action (`safe`: hold, release or a value) at the end of validity, by itself: whether the
-agent was paused, killed, cut off, or hangs. It looks at the time immediately before each write, and again after it: if the
-time has passed meanwhile, because the process was paused, the safe action follows at once. Only a write that is in the
-kernel when the time ends can still come after it; and if a signal stops the process between its look and its write,
+agent was paused, killed, cut off, or hangs. It looks at the time immediately before each write, and again after it: if
+the time has passed meanwhile, because the process was paused, the safe action follows at once. Only a write that is in
+the kernel when the time ends can still come after it; and if a signal stops the process between its look and its write,
 that write comes when the process goes on, with the safe action right behind it. When a process starts, its first act is
 the safe action. If the agent ends, its processes take the safe action immediately, and end.
 

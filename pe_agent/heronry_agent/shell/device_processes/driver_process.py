@@ -16,6 +16,7 @@ import sys
 import time
 import traceback
 from contextlib import suppress
+from io import TextIOBase
 
 from heronry_agent.device_driver import ActuatorDriver, Measured, SensorDriver, Setup, checked_options
 from heronry_agent.shell.device_processes.orders import DeviceOrders
@@ -121,19 +122,17 @@ class ActuatorProcess:
             self._block[Word.ALIVE] = time.monotonic_ns()
 
     def make_safe(self, reason: str) -> None:
-        """Take the safe action."""
+        """Take the safe action, and only then tell the reason."""
+        safe = self._orders.safe
+        if not isinstance(safe, str):
+            self._position = self._driver.command(safe)
+            self._output.moved(safe, time.monotonic_ns())
+        elif safe == "release" and self._driver.release is not None:
+            self._driver.release()
+            self._position = None
+            self._output.released()
         if reason:
-            print(f"device {self._orders.device}: safe action, since {reason}", flush=True)
-        match self._orders.safe:
-            case float() | int() as value:
-                self._position = self._driver.command(float(value))
-                self._output.moved(float(value), time.monotonic_ns())
-            case "release" if self._driver.release is not None:
-                self._driver.release()
-                self._position = None
-                self._output.released()
-            case _:
-                pass  # hold, also where the driver cannot release
+            print(f"device {self._orders.device}: safe action, since {reason}")
 
     def _lasts_ns(self, value: float) -> int | None:
         lasts_ms = self._driver.lasts_ms(value)
@@ -149,11 +148,13 @@ def main(arguments: list[str]) -> int:
     for inherited in (SOCKET, MEMORY):
         os.set_inheritable(inherited, False)
     os.closerange(MEMORY + 1, _DESCRIPTORS)
+    os.set_blocking(1, False)
+    sys.stdout = sys.stderr = _Dropping()
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
         return _run(orders, SharedBlock(MEMORY), Line(SOCKET))
     except HeronryError as error:
-        print(f"device {orders.device}: {error}", file=sys.stderr, flush=True)
+        print(f"device {orders.device}: {error}")
         return BAD_ORDERS
     except Exception:  # noqa: BLE001 - a driver is foreign code
         traceback.print_exc()
@@ -182,6 +183,19 @@ def _run(orders: DeviceOrders, block: SharedBlock, line: Line) -> int:
         process.make_safe("")
         driver.close()
     return 0
+
+
+class _Dropping(TextIOBase):
+    """What this process prints: it goes to the log of the agent, and is dropped where that would have to wait.
+
+    An agent that is paused does not read the log, and the safe action must not wait for it.
+    """
+
+    def write(self, text: str) -> int:
+        """Write without waiting."""
+        with suppress(OSError):
+            os.write(1, text.encode(errors="backslashreplace"))
+        return len(text)
 
 
 def _declare(block: SharedBlock, settles_ms: int, longest_ms: int) -> None:

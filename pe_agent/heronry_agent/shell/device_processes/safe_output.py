@@ -99,8 +99,8 @@ class SafeOutput:
         if self._spent_until_ns is not None and now_ns >= self._spent_until_ns:
             self._is_spent = True
             return self._become_safe(entry, "it has been on for its longest time")
-        if entry is not None and entry.count > self._done:
-            self._done = entry.count
+        if entry is not None and entry.number > self._done:
+            self._done = entry.number
             if entry.value is None:
                 return self._become_safe(entry, "")
             return self._take_up(entry.value, until_ns, now_ns, lasts_ns)
@@ -140,5 +140,5 @@ class SafeOutput:
     def _become_safe(self, entry: Entry | None, reason: str) -> TakeSafeAction:
         self._is_driving, self._spent_until_ns = False, None
         if entry is not None and reason and not self._is_spent:
-            self._done = max(self._done, entry.count)  # an expired command is not executed when its time is renewed
+            self._done = max(self._done, entry.number)  # an expired command is not executed when its time is renewed
         return TakeSafeAction(reason)

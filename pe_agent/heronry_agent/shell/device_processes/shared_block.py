@@ -52,7 +52,7 @@ class Ring(IntEnum):
 class Entry(NamedTuple):
     """One entry of a ring; value None: there is none (a command: take the safe action)."""
 
-    count: int  # 1 for the first entry
+    number: int  # 1 for the first entry
     time_ns: int
     value: Value | None
 

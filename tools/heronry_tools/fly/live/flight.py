@@ -52,9 +52,7 @@ def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | 
     deeds = [_deed(act) for act in mission.acts]
     with ExitStack() as stack:
         folder = run_folder()
-        fleet = stack.enter_context(
-            Fleet(spec, spec_file, folder, device_driver=DRIVER, environment={FOLDER: str(folder)})
-        )
+        fleet = stack.enter_context(Fleet(spec, spec_file, folder, simulator=DRIVER, environment={FOLDER: str(folder)}))
         plant = stack.enter_context(_Plant(folder, mission, record_file))
         choices = choose(spec, folder, {}, None, prefer_vcan=False)
         fleet.start_buses(choices)

@@ -97,7 +97,7 @@ class Fleet:
         aloft_s: float = 0.0,
         called: str | None = None,
         heartbeat_ns: int | None = None,
-        device_driver: str | None = None,
+        simulator: str | None = None,
         environment: Mapping[str, str] | None = None,
     ) -> None:
         """Write the files of the manager and of every PE: tables; also contingencies and a key, if there are any.
@@ -107,7 +107,7 @@ class Fleet:
             commands find the manager only by the path of its socket.
         heartbeat_ns: the shortest heartbeat period in `spec`, if the periods in `spec` are longer than those in
             `spec_file`; None: the periods are the same.
-        device_driver: name of the driver of all devices; None for the driver of the scripted flight.
+        simulator: name of the driver that simulates all devices; None for that of the scripted flight.
         environment: environment variables for all processes.
         """
         self.folder, self._called = folder, called
@@ -119,7 +119,7 @@ class Fleet:
             (folder / "contingencies").write_bytes(to_bytes(made, spec))
         self._slower_flags = [] if heartbeat_ns is None else ["--slower-heartbeat-ns", str(heartbeat_ns)]
         self._key_flags = [] if key is None else ["--key", str(key)]
-        self._driver_flags = [] if device_driver is None else ["--devices", device_driver]
+        self._driver_flags = ["--simulated", *([] if simulator is None else [simulator])]
         self._environment = {**os.environ, **(environment or {})}
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
