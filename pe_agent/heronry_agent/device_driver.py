@@ -59,7 +59,7 @@ class Option:
 
     def checked(self, name: str, given: Any) -> Any:
         """Return a value that fits; raises OptionError. A whole number fits where a float is wanted."""
-        value = float(given) if self.kind is float and type(given) is int else given
+        value = _converted(self.kind, given)
         if type(value) is not self.kind:
             raise OptionError(f"option '{name}' must be {_KINDS[self.kind]}, not {given!r:.60}")
         if self.choices and value not in self.choices:
@@ -69,6 +69,10 @@ class Option:
         if self.most is not None and value > self.most:
             raise OptionError(f"option '{name}' must be at most {self.most:g}, not {given!r:.60}")
         return value
+
+
+def _converted(kind: type, given: Any) -> Any:
+    return float(given) if kind is float and type(given) is int else given
 
 
 _KINDS: Mapping[type, str] = {

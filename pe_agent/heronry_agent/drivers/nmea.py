@@ -91,7 +91,7 @@ class NmeaReceiver(SensorDriver):
         import serial  # noqa: PLC0415 - head of `device_driver`
 
         options = setup.options
-        open_line: Any = serial.Serial
+        open_line: Any = serial.serial_for_url
         self._line = open_line(options["port"], options["baud_rate"], timeout=0.2, exclusive=True)
         self._positions = NmeaPositions()
 
