@@ -51,7 +51,7 @@ class Option:
     """One option of a driver: what it means, its type, and which values it may have."""
 
     meaning: str
-    kind: type  # int, float, str, bool or list (of numbers)
+    kind: type[Any]  # int, float, str, bool or list (of numbers)
     default: Any = REQUIRED
     least: float | None = None  # of a number
     most: float | None = None  # of a number
