@@ -91,6 +91,12 @@ def add_parsers(subparsers: Any) -> None:
         action="store_true",
         help="also serve a page for a browser on this computer, and print its address; the demo goes on until Ctrl-C",
     )
+    parser.add_argument(
+        "--devices",
+        metavar="FILE",
+        type=Path,
+        help="JSON file with the drivers of real devices; all other devices are simulated",
+    )
     parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines instead of sentences")
     parser.add_argument(
         "--bus",

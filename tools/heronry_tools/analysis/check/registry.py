@@ -22,7 +22,7 @@ from heronry_dg.check.subject import Subject
 from heronry_dg.findings import Findings
 from heronry_dg.rules import file, graph, schema, wire
 from heronry_dg.rules.rule import Family, Rule
-from heronry_tools.analysis.check import dependability_rules, image_rules, resource_rules
+from heronry_tools.analysis.check import dependability_rules, driver_rules, image_rules, resource_rules
 
 
 def _slow(module: str) -> Check:
@@ -42,6 +42,7 @@ FAMILIES: Final[tuple[Family, ...]] = (
     dependability_rules.FAMILY,
     wire.FAMILY,
     image_rules.FAMILY,
+    driver_rules.FAMILY,
 )
 CHECKS: Final[Mapping[str, Check]] = {
     graph.FAMILY.prefix: graph_check.check,
@@ -49,6 +50,7 @@ CHECKS: Final[Mapping[str, Check]] = {
     dependability_rules.FAMILY.prefix: _slow("dependability"),
     wire.FAMILY.prefix: wire_check.check,
     image_rules.FAMILY.prefix: _slow("images"),
+    driver_rules.FAMILY.prefix: _slow("drivers"),
 }
 RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, rule in sorted(family.rules.items())}
 

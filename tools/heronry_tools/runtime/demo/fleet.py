@@ -98,6 +98,7 @@ class Fleet:
         called: str | None = None,
         heartbeat_ns: int | None = None,
         simulator: str | None = None,
+        devices: Path | None = None,
         environment: Mapping[str, str] | None = None,
     ) -> None:
         """Write the files of the manager and of every PE: tables; also contingencies and a key, if there are any.
@@ -108,6 +109,7 @@ class Fleet:
         heartbeat_ns: the shortest heartbeat period in `spec`, if the periods in `spec` are longer than those in
             `spec_file`; None: the periods are the same.
         simulator: name of the driver that simulates all devices; None for that of the scripted flight.
+        devices: file with the drivers of real devices; None: all are simulated.
         environment: environment variables for all processes.
         """
         self.folder, self._called = folder, called
@@ -120,6 +122,8 @@ class Fleet:
         self._slower_flags = [] if heartbeat_ns is None else ["--slower-heartbeat-ns", str(heartbeat_ns)]
         self._key_flags = [] if key is None else ["--key", str(key)]
         self._driver_flags = ["--simulated", *([] if simulator is None else [simulator])]
+        if devices is not None:
+            self._driver_flags += ["--devices", str(devices.resolve())]
         self._environment = {**os.environ, **(environment or {})}
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []

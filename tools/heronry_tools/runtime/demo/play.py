@@ -5,8 +5,10 @@ import shutil
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Literal
 
+from heronry_agent.shell.device_choice import DeviceChoiceError, read_devices
 from heronry_dg.model import Spec
 from heronry_manager import events
 from heronry_manager.contingency.contingencies import Contingencies
@@ -29,6 +31,7 @@ from heronry_tools.runtime.wake_ups import kept_heartbeat_ns, latest_wake_up_ns,
 from heronry_wire import interruption
 from heronry_wire.bus_arguments import named_buses
 from heronry_wire.key_file import read_key
+from heronry_wire.spelling import meant
 
 _AFTER_LAST_ACTION_S = 5.0
 _REHEARSAL_S = 0.25  # with a wake-up of each process every 10 ms
@@ -58,6 +61,8 @@ def play(arguments: argparse.Namespace) -> int:
         read_key(arguments.key)
     if arguments.record is not None:
         expect_ending(arguments.record, {"log": (".log",)})
+    if arguments.devices is not None:
+        _require_devices(arguments.devices, spec)
     with ExitStack() as stack:
         record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
         folder = run_folder()
@@ -75,6 +80,7 @@ def play(arguments: argparse.Namespace) -> int:
                 aloft_s=arguments.aloft_s,
                 called=called,
                 heartbeat_ns=heartbeat_ns,
+                devices=arguments.devices,
             )
         )
         page = None
@@ -111,6 +117,13 @@ def _heartbeat(spec: Spec, arguments: argparse.Namespace) -> tuple[int, int, _Wh
             "lengthen; write a longer one, or change heartbeat_ms of the bus"
         )
     return 0, arguments.heartbeat_ns, "given"
+
+
+def _require_devices(file: Path, spec: Spec) -> None:
+    """Read a file of devices as the agents will; raises HeronryError."""
+    for device in read_devices(file):
+        if device not in spec.devices:
+            raise DeviceChoiceError(f"{file}: the spec has no device '{device:.70}'; {meant(device, spec.devices)}")
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
