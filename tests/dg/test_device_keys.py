@@ -19,17 +19,17 @@ MS = 1_000_000
 
 def spec_of(gps: str = "", lamp: str = "") -> Spec:
     text = SOUND.replace("kind: sensor, pe: nav", f"kind: sensor, pe: nav{gps}")
-    return loads(text.replace("kind: actuator, pe: tail", f"kind: actuator, pe: tail{lamp}"))
+    return loads(text.replace("kind: actuator, pe: tail", f"kind: actuator, pe: tail{lamp}"), "sound")
 
 
 def test_everything_that_can_be_said_is_read() -> None:
     spec = spec_of(
-        ", driver: gpsd, options: {port: 2948, gain: 0.5, taps: [1, 2.5], on: true}, stale_ms: 0.5, range: [-1, 1.5]",
+        ", driver: gpsd, options: {port: 2948, gain: 0.5, taps: [1, 2.5], low: true}, stale_ms: 0.5, range: [-1, 1.5]",
         ", driver: 'my_rig.lamps:Lamp', limits: [0, 1], rate_limit: 2.5, safe: 0.25",
     )
     gps, lamp = spec.devices["gps"], spec.devices["lamp"]
     assert (gps.driver, gps.stale_ns, gps.span) == ("gpsd", MS // 2, (-1, Fraction(3, 2)))
-    assert gps.options == {"port": 2948, "gain": 0.5, "taps": (1, 2.5), "on": True}
+    assert gps.options == {"port": 2948, "gain": 0.5, "taps": (1, 2.5), "low": True}
     assert (lamp.driver, lamp.limits, lamp.rate_limit) == ("my_rig.lamps:Lamp", (0, 1), Fraction(5, 2))
     assert lamp.safe == Fraction(1, 4)
     assert spec_of(lamp=", safe: hold").devices["lamp"].safe == "hold"
