@@ -25,13 +25,14 @@ from heronry_agent.device_driver import (
     checked_options,
 )
 from heronry_agent.drivers import SHIPPED, bmp280, ms5611
-from heronry_agent.drivers.canaerospace import ForeignDatum
+from heronry_agent.drivers.canaerospace import ForeignDatum, ForeignNode
 from heronry_agent.drivers.gpio import GpioLine
 from heronry_agent.drivers.gpsd import Gpsd, GpsdLines, position_of
 from heronry_agent.drivers.iio import IioInput, IioOutput
 from heronry_agent.drivers.nmea import NmeaPositions, NmeaReceiver, fields_of
 from heronry_agent.drivers.pwm import PwmServo, pulse_ns
 from heronry_agent.shell.driver_catalogue import UnknownDriverError, load_driver
+from heronry_wire.bare_can import can
 from heronry_wire.canaerospace import DataType, Datum, ErrorReport, encode_data, encode_emergency_event
 from heronry_wire.frame import Frame
 
@@ -430,3 +431,23 @@ def test_a_line_is_requested_off_and_may_be_on_for_its_longest_time(monkeypatch:
     driver.release()
     driver.close()
     assert driver._request.values == [(4, "ACTIVE"), (4, "INACTIVE"), (4, "INACTIVE"), (-1, "released")]
+
+
+def test_a_foreign_node_is_heard_on_a_bus_of_the_pe() -> None:
+    bus = {"interface": "virtual", "channel": "foreign"}
+    setup = Setup(
+        "barometer", checked_options(ForeignNode.OPTIONS, {"node": 17, "identifier": 326}), MS, {"can0": bus}, "can0"
+    )
+    driver = ForeignNode(setup)
+    with can.Bus(**bus) as other:
+        other.send(can.Message(arbitration_id=327, data=pressure().data, is_extended_id=False))
+        other.send(can.Message(arbitration_id=326, data=pressure().data, is_extended_id=True))
+        other.send(can.Message(arbitration_id=326, data=pressure().data, is_extended_id=False))
+        found = None
+        while found is None:
+            found = driver.read()
+        assert found.value == 1013.0
+        assert driver.read() is None
+    driver.close()
+    with pytest.raises(OptionError, match="option 'bus' names no bus of this PE: can1; there is can0"):
+        ForeignNode(Setup("x", {**setup.options, "bus": "can1"}, MS, {"can0": bus}, "can0"))

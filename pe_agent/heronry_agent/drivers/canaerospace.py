@@ -9,9 +9,11 @@ import time
 from typing import Any, ClassVar
 
 from heronry_agent.device_driver import Measured, Option, OptionError, SensorDriver, Setup
+from heronry_wire.bare_can import can
 from heronry_wire.canaerospace import DataType, decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import emergency_event_id
+from heronry_wire.python_can import frame_of
 
 _WAIT_S = 0.2
 _NS_PER_MS = 1_000_000
@@ -58,8 +60,6 @@ class ForeignNode(SensorDriver):
 
     def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
-        import can  # noqa: PLC0415 - head of `device_driver`
-
         options = setup.options
         name = options["bus"] or setup.uplink
         if name not in setup.buses:
@@ -75,8 +75,7 @@ class ForeignNode(SensorDriver):
         message = self._bus.recv(_WAIT_S)
         if message is None or message.is_error_frame or message.is_remote_frame:
             return None
-        frame = Frame(message.arbitration_id, bytes(message.data), message.is_extended_id)
-        return self._datum.hear(frame, time.monotonic_ns())
+        return self._datum.hear(frame_of(message), time.monotonic_ns())
 
     def close(self) -> None:
         """Leave the bus."""
