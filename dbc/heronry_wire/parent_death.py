@@ -11,12 +11,14 @@ import signal
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
-def die_with(parent: int) -> None:
+def die_with(parent: int, by: signal.Signals = signal.SIGKILL) -> None:
     """Have the kernel kill this process when the process `parent` ends; exit if `parent` has ended already.
 
     To be used only if the thread of `parent` that started this process lives as long as `parent`: the kernel
     already kills this process when that thread ends.
+
+    by: the signal; one that can be handled lets this process end in order.
     """
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, by)
     if os.getppid() != parent:
         os._exit(1)  # not SystemExit, which a handler after a fork ignores

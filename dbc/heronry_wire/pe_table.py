@@ -207,7 +207,7 @@ class PeTable:
     # Period of LEASE: the slowest heartbeat on its way to this PE; 0: that of the uplink.
     command_period_ns: int = field(default=0, metadata=OUTSIDE_IDENTITY)
     # Of this PE's devices, those of whose driver the spec says something.
-    drivers: tuple[DriverEntry, ...] = added_in(1, ())
+    drivers: tuple[DriverEntry, ...] = added_in(2, ())
 
     @cached_property
     def identity(self) -> bytes:

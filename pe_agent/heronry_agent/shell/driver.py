@@ -189,6 +189,8 @@ class AgentDriver:
 
     def _look_at_devices(self) -> None:
         """Renew what is allowed to be driven, from what is known now: after a pause, nothing exclusive."""
+        if not self._host.has_real_devices:
+            return
         now_ns = time.monotonic_ns()
         until_ns = self.core.output_authorization.until_ns(now_ns)
         self._host.look_at_devices(until_ns, self.core.lease_ns, now_ns)

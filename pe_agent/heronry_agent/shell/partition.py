@@ -33,7 +33,6 @@ from heronry_agent.core.vocabulary import Failure
 from heronry_agent.module import Datum
 from heronry_agent.shell.module_prints import ModulePrints
 from heronry_agent.shell.module_runner import ModuleRunner, Result
-from heronry_agent.shell.parent_death import die_with
 from heronry_agent.shell.partition_messages import (
     SOCKET,
     Done,

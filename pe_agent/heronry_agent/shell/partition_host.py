@@ -143,6 +143,11 @@ class PartitionHost:
                 pass
         return None
 
+    @property
+    def has_real_devices(self) -> bool:
+        """Tell whether a device has a process of its own."""
+        return bool(self._devices.real)
+
     def look_at_devices(self, exclusive_until_ns: int, lease_ns: int, now_ns: int) -> None:
         """Renew the validity of commands to devices (`Devices.look`); call this at the beginning of each turn."""
         self._devices.look(exclusive_until_ns, lease_ns, now_ns)

@@ -23,8 +23,8 @@ from heronry_agent.shell.device_processes.orders import DeviceOrders
 from heronry_agent.shell.device_processes.safe_output import Move, OutputLimits, SafeOutput, TakeSafeAction
 from heronry_agent.shell.device_processes.shared_block import Ring, SharedBlock, Word
 from heronry_agent.shell.driver_catalogue import load_driver
-from heronry_agent.shell.parent_death import die_with
 from heronry_wire.errors import HeronryError
+from heronry_wire.parent_death import die_with
 
 SOCKET, MEMORY = 3, 4
 BAD_ORDERS = 2  # exit code: to start the process again would not help
