@@ -433,7 +433,7 @@ def test_a_command_line_that_cannot_run_is_found_out(text: str, tmp_path: Path, 
     [
         "heronry plan big_blue --json >plan.json  # not a word of it on the screen",
         "heronry manager big_blue -i socketcan -c can0",
-        "heronry table elevator_and_chute tail_pe -o a.table && pe-agent --table a.table --simulated -i socketcan -c can0",
+        "heronry table elevator_and_chute tail_pe -o t && pe-agent --table t --simulated -i socketcan -c can0",
     ],
 )
 @in_both_ways

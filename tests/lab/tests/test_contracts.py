@@ -54,6 +54,7 @@ BREACHES = {
     ),
     "What plans and what flies knows no component graph": Breach("manager/heronry_manager/core", "heronry_pcs.graph"),
     "A PE needs python-can alone": Breach("pe_agent/heronry_agent/shell", "canopen"),
+    "Only drivers of real devices need their libraries": Breach("pe_agent/heronry_agent/shell", "serial"),
     "Packages of the tools, from the command line down to the console": Breach(
         "tools/heronry_tools/console", "heronry_tools.reports.plan"
     ),
