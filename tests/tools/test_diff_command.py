@@ -74,7 +74,7 @@ def test_a_servo_on_another_pe_ends_a_single_point_of_failure(
         "+ device:elevator_servo_3  kind actuator; pe control_pe",
         (
             "+ module:servo_driver_3  image servo_driver_1; device elevator_servo_3; flash 2KiB; restarts 2; "
-            "needs elevator_out; cpu 0.03; ram 1KiB; rate_hz 40"
+            "silent told; needs elevator_out; cpu 0.03; ram 1KiB; rate_hz 40"
         ),
         "",
         "consequences:",

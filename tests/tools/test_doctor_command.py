@@ -212,7 +212,7 @@ def test_tables_of_two_specs_are_found_and_so_is_a_pe_that_does_not_answer() -> 
 def test_a_pe_of_another_protocol_is_named_for_that_and_not_for_its_digest() -> None:
     later = ToldTable("cd" * 32, Version(PROTOCOL.major + 1, 0))
     (found,) = (one for one in assess_tables({92: later, 93: ToldTable(SPEC.digest)}, SPEC) if not one.is_right)
-    assert (found.check, found.says) == ("protocol", "nose (92) speaks protocol 2.0, and this computer 1.0")
+    assert (found.check, found.says) == ("protocol", f"nose (92) speaks protocol 2.0, and this computer {PROTOCOL}")
     minor = ToldTable(SPEC.digest, Version(PROTOCOL.major, PROTOCOL.minor + 1))
     assert wrong(assess_tables({92: minor}, SPEC)) == {}
 

@@ -449,6 +449,7 @@ ORACLES_KNOW = {
         "service",
         "stale",
         "solitude",
+        "stale",
     },
 }
 
