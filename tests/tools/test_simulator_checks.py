@@ -449,7 +449,6 @@ ORACLES_KNOW = {
         "service",
         "stale",
         "solitude",
-        "stale",
     },
 }
 
