@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any, Self
@@ -193,6 +193,11 @@ class CanopenMaster:
         return note
 
 
+def faults_of(told: Iterable[list[canopen.emcy.EmcyError]]) -> list[canopen.emcy.EmcyError]:
+    """The EMCYs that report a fault: a module that starts after its reader makes it report a silence at first."""
+    return [one for of_node in told for one in of_node if one.code != FaultCode.STALE]
+
+
 def test_a_canopen_master_hears_boot_up_and_heartbeats_and_every_node_identifies_itself(aircraft: Aircraft) -> None:
     """A node answers a request by its node-ID, and one to all nodes (CANaerospace IDS on channel 0)."""
     with CanopenMaster(aircraft) as master:
@@ -202,7 +207,7 @@ def test_a_canopen_master_hears_boot_up_and_heartbeats_and_every_node_identifies
         assert {tuple(states[:2]) for states in heard.values()} == {(BOOT_UP, PRE_OPERATIONAL)}
         aircraft.start_manager().event(events.Reconfigured)
         master.wait_until(lambda: {node.nmt.state for node in master.network.values()} == {"OPERATIONAL"})
-        assert not any(master.emergencies.values())
+        assert not any(faults_of(master.emergencies.values()))
     nodes = [126, *(pe.node_id for pe in aircraft.spec.pes.values())]
     own = Identification(hardware_revision=0, software_revision=1)
     for code, node in enumerate(nodes):
@@ -220,12 +225,13 @@ def test_a_canopen_master_hears_the_emcy_of_a_module_that_fails(tmp_path: Path) 
         manager = aircraft.start_manager()
         node = aircraft.spec.pes["sensor_pe"].node_id
         master.wait_until(lambda: FaultCode.MODULE_EXCEPTION in {e.code for e in master.emergencies[node]})
-        assert master.emergencies[node][0].code == FaultCode.MODULE_RESTARTED
-        assert master.emergencies[node][0].register & 1
+        first, *_ = faults_of([master.emergencies[node]])
+        assert first.code == FaultCode.MODULE_RESTARTED
+        assert first.register & 1
         assert manager.event(events.FaultReported).element == "module:pressure_driver"
         assert "pressure_driver" not in manager.event(events.PlanReady).plan.modules
         manager.event(events.Reconfigured)
-        assert [n for n, emergencies in master.emergencies.items() if emergencies] == [node]
+        assert [n for n, emergencies in master.emergencies.items() if faults_of([emergencies])] == [node]
 
 
 def answers(aircraft: Aircraft, asked: ServiceMessage, count: int) -> dict[int, Identification]:
@@ -358,7 +364,7 @@ def table(tmp_path: Path) -> str:
     ],
 )
 def test_an_agent_without_its_bus(complaint: Complaint, table: str, arguments: list[str], says: str) -> None:
-    sentence = complaint(pe_agent, "--table", table, *arguments)
+    sentence = complaint(pe_agent, "--table", table, "--simulated", *arguments)
     assert sentence.startswith("pe-agent: ")
     assert says in sentence
 
