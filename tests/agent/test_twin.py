@@ -18,7 +18,7 @@ class Bus:
     """A manager's commands, handed to the proof each with its tag, one heartbeat period after the other."""
 
     def __init__(self, key: Key = KEY, term: int = 0x107) -> None:
-        self.proof = TwinProof(NODE, KEY, lost_after_ns=LOST_AFTER_NS, patience_ns=50 * MS, now_ns=0)
+        self.proof = TwinProof(NODE, KEY, lost_after_ns=LOST_AFTER_NS, now_ns=0)
         self.signer, self.term, self.now_ns = CommandSigner(key, FIRST_MANAGER, term), term, 0
 
     def alive(self, *nodes: int, tag: bool = True, in_between: Frame | None = None) -> Twin:

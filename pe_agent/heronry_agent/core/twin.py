@@ -39,14 +39,13 @@ class Twin(Enum):
 class TwinProof:
     """Learns from the commands of managers whether another node of the fleet has the node-ID of this PE."""
 
-    def __init__(self, node: int, key: Key, *, lost_after_ns: int, patience_ns: int, now_ns: int) -> None:
+    def __init__(self, node: int, key: Key, *, lost_after_ns: int, now_ns: int) -> None:
         """Begin at `now_ns`.
 
-        lost_after_ns: for how long at most ALIVE names a PE that has died.
-        patience_ns: how long an ALIVE waits for its TAG.
+        lost_after_ns: for how long at most ALIVE names a PE that has died; an ALIVE waits as long for its TAG.
         """
         self._node, self._since_ns = node, now_ns + lost_after_ns
-        self._verifier = CommandVerifier(key, patience_ns, seek=True)
+        self._verifier = CommandVerifier(key, lost_after_ns, seek=True)
 
     def take(self, frame: Frame, now_ns: int) -> Twin:
         """Take a frame that arrived at `now_ns`, and tell what it proves."""

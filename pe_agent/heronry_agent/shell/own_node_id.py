@@ -41,12 +41,9 @@ class OwnNodeId:
         self.node = node
         self._links, self._listen_ns = links, listen_ns
         self._own = (state_id(node), heartbeat_id(node))
-        now_ns = time.monotonic_ns()
-        self._proof = (
-            None
-            if key is None
-            else TwinProof(node, key, lost_after_ns=lost_after_ns, patience_ns=lost_after_ns, now_ns=now_ns)
-        )
+        self._proof: TwinProof | None = None
+        if key is not None:
+            self._proof = TwinProof(node, key, lost_after_ns=lost_after_ns, now_ns=time.monotonic_ns())
 
     @classmethod
     def of(cls, links: Sequence[AnyLink], table: PeTable, key: Key | None) -> "OwnNodeId":

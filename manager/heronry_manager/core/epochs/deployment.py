@@ -217,7 +217,7 @@ class Deployment:
     def staging(self, pe: str, page: StatePage1) -> str | None:
         """Note from page 1 of a PE how far it has staged an epoch.
 
-        Gives the cause for which the PE must be failed, or None.
+        Gives the cause for which the PE must be failed (with the reason DIGEST: left alone, `leave_alone`), or None.
         """
         for epoch in (self.next, self.current):
             if epoch is None or page.staged_epoch != epoch.epoch:
@@ -229,18 +229,10 @@ class Deployment:
                 epoch.not_on_board(pe, self._turn.now_ns)
             if page.reason not in _NO_REFUSAL:
                 self._turn.emit(events.PeRefused, pe=pe, epoch=epoch.epoch, reason=page.reason.name)
-                if page.reason is Reason.DIGEST:
-                    return None  # see `refuses_digest`
                 if page.reason is Reason.IMAGE:
                     return None  # the PE also reports the module, and repeats that until it is heard
                 return f"it cannot stage its slice: {page.reason.name}"
         return None
-
-    def refuses_digest(self, page: StatePage1) -> bool:
-        """Tell whether the sender of a page 1 refuses its slice for the digest."""
-        if page.reason is not Reason.DIGEST:
-            return False
-        return any(epoch is not None and page.staged_epoch == epoch.epoch for epoch in (self.next, self.current))
 
     def leave_alone(self, pe: str) -> bool:
         """Take a PE that refuses its slice for the digest out of the epoch that is being prepared, if it flies.

@@ -34,6 +34,7 @@ from heronry_wire.management import (
 from heronry_wire.state_frames import (
     PeFlags,
     PeState,
+    Reason,
     StatePage,
     StatePage0,
     StatePage1,
@@ -109,10 +110,10 @@ class PeReports:
         if self._settings.advise:
             return
         cause = self._deployment.staging(pe, page)
-        if cause is not None:
-            self._reactions.fail(pe, cause)
-        elif self._deployment.refuses_digest(page):
+        if cause is not None and page.reason is Reason.DIGEST:
             self._reactions.has_another_table(pe)
+        elif cause is not None:
+            self._reactions.fail(pe, cause)
 
     def _lives(self, pe: str, incarnation: int | None, flags: PeFlags) -> None:
         self._exclusion.heard(pe)
