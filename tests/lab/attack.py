@@ -38,7 +38,7 @@ from heronry_manager import events
 from heronry_manager.core.tables import Compiler
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.sim.faults.denial import DENIALS, Denier
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS

@@ -26,7 +26,7 @@ from heronry_tools.analysis.servable import Planning, without_limits
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.processes import in_order
 from heronry_tools.console.progress import Progress
-from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.console.spec_files import spec_path
 
 _SETS_IN_A_PART: Final = 64
 

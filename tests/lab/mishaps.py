@@ -32,7 +32,7 @@ from heronry_manager.core.vocabulary import ClearElement
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_place import ControlError
 from heronry_tools.console.errors import UserError, exit_code
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.witness import Witness

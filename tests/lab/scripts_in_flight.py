@@ -31,7 +31,7 @@ from heronry_pcs.plan_script import module_graph
 from heronry_pcs.script_difference import difference
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
-from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.console.spec_files import spec_path
 from heronry_tools.sim.faults.drawing import drawn_faults
 from heronry_tools.sim.flight.campaign import fly_all
 from heronry_tools.sim.flight.outcome import Scenario, play

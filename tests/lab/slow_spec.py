@@ -5,7 +5,7 @@ from typing import Any
 
 import yaml
 
-from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.console.spec_files import spec_path
 
 SLOW_SCENARIO = "tests/scenarios/a_slow_computer_takes_over_from_another.scenario"
 """Flown by the simulator, on a software bus and on a vcan."""

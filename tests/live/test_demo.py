@@ -27,8 +27,9 @@ from heronry_manager.events import (
 )
 from heronry_manager.events.reading import events_in
 from heronry_manager.planner.exact import plan
-from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
+from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.cli import main
+from heronry_tools.console.contingencies_argument import Ahead
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import Malformed, parse_log_line
 from live.told_events import next_event

@@ -24,8 +24,9 @@ from heronry_dg.model import Spec
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.core.vocabulary import ClearElement, FailElement
 from heronry_manager.shell.control_client import call
-from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
+from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.cli import main
+from heronry_tools.console.contingencies_argument import Ahead
 from heronry_tools.runtime.demo.buses import BusChoice, choose
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder

@@ -11,7 +11,7 @@ from heronry_agent.core.state_seal import StateSeal
 from heronry_manager import events
 from heronry_manager.core.authentication import authenticity
 from heronry_manager.core.authentication.nonce_answers import NonceAnswers
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.flight.end_of_flight import end_flight
 from heronry_tools.sim.flight.injection.schedule import Injections

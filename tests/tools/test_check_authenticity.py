@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.authenticity import AuthenticityCheck

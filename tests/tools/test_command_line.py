@@ -8,7 +8,6 @@ import re
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import pytest
 
 from heronry_agent.shell.cli import main as pe_agent
 from heronry_tools.cli import main
-from heronry_tools.command_table import COMMANDS, GROUPS, HELP
+from heronry_tools.command_table import COMMANDS, GROUPS, HELP, add_parsers, run_of
 from heronry_wire.command_parser import CommandParser
 
 TEACHING = [name for name in COMMANDS if name != HELP]
@@ -70,7 +69,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 
 def parser_of(name: str) -> CommandParser:
     subparsers = CommandParser(prog="heronry").add_subparsers()
-    import_module(f"heronry_tools.commands.{COMMANDS[name].module()}").add_parsers(subparsers)
+    add_parsers(COMMANDS[name], subparsers)
     parser = subparsers.choices[name]
     assert isinstance(parser, CommandParser)
     return parser
@@ -157,8 +156,15 @@ def test_every_example_is_a_command_line(name: str) -> None:
 @pytest.mark.parametrize("name", TEACHING)
 def test_a_command_is_in_the_file_that_the_table_says(name: str) -> None:
     subparsers = argparse.ArgumentParser().add_subparsers()
-    import_module(f"heronry_tools.commands.{COMMANDS[name].module()}").add_parsers(subparsers)
+    add_parsers(COMMANDS[name], subparsers)
     assert set(subparsers.choices) == {one.name for one in COMMANDS.values() if one.module() == COMMANDS[name].module()}
+
+
+@pytest.mark.parametrize("name", TEACHING)
+def test_each_parser_names_a_function_that_runs_its_command(name: str) -> None:
+    for parser in parsers_of(name):
+        default = argparse.Namespace(**parser._defaults)
+        assert callable(run_of(COMMANDS[name], default))
 
 
 @pytest.mark.parametrize(

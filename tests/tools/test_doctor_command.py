@@ -20,7 +20,8 @@ from heronry_tools.runtime import wake_ups
 from heronry_tools.runtime.doctor import computer
 from heronry_tools.runtime.doctor.asking import ToldTable, assess_tables
 from heronry_tools.runtime.doctor.computer import assess_computer, assess_date, assess_disk, assess_wake_ups
-from heronry_tools.runtime.doctor.expected import Expected, expected_by_spec
+from heronry_tools.runtime.doctor.expected import Expected
+from heronry_tools.runtime.doctor.expected_by_spec import expected_by_spec
 from heronry_tools.runtime.doctor.interface import assess_interface
 from heronry_tools.runtime.doctor.listening import (
     CLOCK_STEP_NS,

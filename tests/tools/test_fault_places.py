@@ -1,6 +1,6 @@
 """What an oracle takes for failed after reports, acknowledgements and commands of the wire."""
 
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.sim.oracles.places import Places
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 

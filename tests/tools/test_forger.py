@@ -6,7 +6,7 @@ import pytest
 
 from heronry_manager import events
 from heronry_manager.core.intake.inbound import Inbound
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.faults.forger import Forger
 from heronry_tools.sim.flight.outcome import Scenario, play

@@ -13,8 +13,10 @@ import pytest
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.contingency.file_format import to_bytes
-from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
+from heronry_manager.contingency.journal import Journal, JournalError
+from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.cli import main
+from heronry_tools.console.contingencies_argument import Ahead
 from heronry_wire.pe_table import PeTable
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
@@ -120,8 +122,6 @@ def test_what_cannot_be_kept_is_no_reason_not_to_fly(
 def test_a_full_disk_is_no_reason_either(
     cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from heronry_manager.contingency.journal import Journal, JournalError  # noqa: PLC0415
-
     def full(*_: object) -> None:
         raise JournalError("it cannot be written: No space left on device")
 

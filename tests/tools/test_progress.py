@@ -3,7 +3,7 @@
 import pytest
 
 from heronry_manager.core.planning.storms import Storms
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.flight.outcome import Scenario, play
 from heronry_tools.sim.flight.simulation import MS

@@ -11,7 +11,7 @@ from junitparser import JUnitXml
 from heronry_manager.core.manager import ManagerCore
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
-from heronry_tools.sim.faults.bounds import read_share, written_share
+from heronry_tools.console.flight_limits import read_share, written_share
 from heronry_tools.sim.scenario.evaluation import holds_since
 from heronry_tools.sim.scenario.script import read_script
 from heronry_tools.sim.scenario.trace import golden_file

@@ -8,7 +8,7 @@ from heronry_dg.configuration import Running, Wire
 from heronry_dg.plan_document import ObjectiveDocument, PlanDocument
 from heronry_dg.plan_report import BusReport, FunctionReport, PeReport
 from heronry_manager import events
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sources.recordings import open_recording
 from heronry_tools.watch.recording import Recording

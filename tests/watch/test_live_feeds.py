@@ -18,7 +18,7 @@ from heronry_manager.shell.control_place import ControlError
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.followers import Followers
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.watch import live_feeds
 from heronry_tools.watch.live_feeds import FollowedManager
 from heronry_tools.watch.reducer import Reducer

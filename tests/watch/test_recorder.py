@@ -12,7 +12,7 @@ from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.events import HearsNobody
 from heronry_tools.cli import main
-from heronry_tools.commands.record import size
+from heronry_tools.command_lines.record import size
 from heronry_tools.console.errors import UserError
 from heronry_tools.recording.masterships import read_recording
 from heronry_tools.recording.recorded_folder import HEAD
@@ -168,7 +168,7 @@ def test_it_says_where_it_records_and_how_that_ended(
 ) -> None:
     folder = tmp_path / "flight"
     handlers: dict[int, Any] = {}
-    monkeypatch.setattr("heronry_tools.sources.opened.opened_feed", lambda _arguments: _Quiet())
+    monkeypatch.setattr("heronry_tools.commands.record.opened_feed", lambda _arguments: _Quiet())
     monkeypatch.setattr("signal.signal", handlers.__setitem__)
     assert main(["record", "big_blue", "-o", str(folder), "--for", "0.3"]) == 0
     assert capsys.readouterr().out.splitlines() == [

@@ -56,7 +56,7 @@ from heronry_manager.events import Place as BusPlace
 from heronry_manager.events import Status as StatusEvent
 from heronry_manager.events.line import to_line
 from heronry_manager.events.reading import events_in
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.watch.graph_marks import LiveGraphs
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.schema import SCHEMA_FILE, schema_text

@@ -1,9 +1,8 @@
-"""The command `heronry`: one parser, one file per command.
+"""The command `heronry`: reads the command line, and runs the command that it names.
 
-`command_table` lists the commands; `heronry --help` needs no other file. The file of a command has a function
-`add_parsers(subparsers)`. It adds the parsers of the command, and sets `run` (arguments -> exit code) on each of them.
-A Python module that loads slowly is imported only when a command needs it. With -o FILE, everything that a command
-prints goes into FILE (`console.output`).
+`command_table` lists the commands; `heronry --help` needs no other file. The command line of a command is read before
+what runs it is imported, so that help and mistakes are told at once. With -o FILE, everything that a command prints
+goes into FILE (`console.output`).
 
 Exit codes of every command:
 
@@ -20,9 +19,8 @@ An error that a user can correct is a `UserError`: one sentence on stderr.
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from importlib import import_module
 
-from heronry_tools.command_table import COMMANDS, GROUPS
+from heronry_tools.command_table import COMMANDS, GROUPS, add_parsers, run_of
 from heronry_tools.console.errors import UserError, exit_code
 from heronry_tools.console.output import run_into_its_file, settled
 from heronry_wire.command_parser import CommandParser, program_version
@@ -71,8 +69,9 @@ def _command(name: str, argv: Sequence[str]) -> int:
     _expect_command(name)
     parser = CommandParser(prog="heronry")
     subparsers = parser.add_subparsers()
-    import_module(f"heronry_tools.commands.{COMMANDS[name].module()}").add_parsers(subparsers)
-    return run_into_its_file(settled(parser.parse_args(argv, argparse.Namespace(argv=tuple(argv)))))
+    add_parsers(COMMANDS[name], subparsers)
+    arguments = settled(parser.parse_args(argv, argparse.Namespace(argv=tuple(argv))))
+    return run_into_its_file(run_of(COMMANDS[name], arguments), arguments)
 
 
 def _expect_command(name: str) -> None:

@@ -1,30 +1,32 @@
 """The commands of `heronry`: name, purpose in one line, and the group in which the help shows each.
 
-A new command is one entry in this file and one file below `commands/`. The groups are in the order in which a user
-needs them. A purpose has at most 62 characters, so that the list fits a terminal of 80 columns. It says only what the
-command is for; `heronry COMMAND --help` teaches its use.
+A command has an entry here, and two files of one name: in `command_lines/` its parsers, which are quick to import, and
+in `commands/` what runs it, which may need all of heronry. Only this file imports either, when the user names the
+command; all other imports stand at the heads of their files.
+
+The groups are in the order in which a user needs them. A purpose has at most 62 characters, so that the list fits a
+terminal of 80 columns. It says only what the command is for; `heronry COMMAND --help` teaches its use.
 """
 
-from collections.abc import Mapping
+import argparse
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from importlib import import_module
+from typing import Any, Final
 
 HELP: Final = "help"  # the one command without a file
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command: its name, its line in the help, and the file below `commands/` that adds its parser."""
+    """One command: its name, its line in the help, and the name of its file in `command_lines/` and `commands/`."""
 
     name: str
     line: str
     file: str = ""
 
     def module(self) -> str:
-        """Give the name of the file in `commands/`: `file`, if it is not empty.
-
-        If `file` is empty, the name of the file is the name of the command, with `_` for `-`.
-        """
+        """Give the name of its two files: `file`, or if that is empty, the name of the command with `_` for `-`."""
         return self.file or self.name.replace("-", "_")
 
 
@@ -92,3 +94,20 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
 }
 
 COMMANDS: Final[Mapping[str, Command]] = {command.name: command for group in GROUPS.values() for command in group}
+
+
+def add_parsers(command: Command, subparsers: Any) -> None:
+    """Add the parsers of the command's file to `subparsers`: that of the command, and of those that share the file."""
+    import_module(f"heronry_tools.command_lines.{command.module()}").add_parsers(subparsers)
+
+
+def run_of(command: Command, arguments: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
+    """Import what runs a command, and give the function (arguments -> exit code) that `arguments.run` names.
+
+    This is `run` where the parser names none.
+    """
+    name = getattr(arguments, "run", "run")
+    run: Callable[[argparse.Namespace], int] = getattr(
+        import_module(f"heronry_tools.commands.{command.module()}"), name
+    )
+    return run

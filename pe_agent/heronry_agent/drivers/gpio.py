@@ -25,7 +25,7 @@ class GpioLine(ActuatorDriver):
     def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
         import gpiod  # noqa: PLC0415 - head of `device_driver`
-        from gpiod.line import Direction, Value  # noqa: PLC0415
+        from gpiod.line import Direction, Value  # noqa: PLC0415 - as above
 
         options = setup.options
         self._line, self._on, self._off = options["line"], Value.ACTIVE, Value.INACTIVE

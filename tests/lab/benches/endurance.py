@@ -24,7 +24,7 @@ from heronry_dg.model import Spec
 from heronry_manager import events
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import processors, whole_number
-from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.console.spec_files import spec_path
 from heronry_tools.sim.compiled.machine_code import go_on_compiled
 from heronry_tools.sim.flight.campaign import fly_all
 from heronry_tools.sim.flight.simulation import MS, Simulation

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from heronry_dg.model import Spec
 from heronry_manager.contingency.contingencies import Contingencies
-from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.console.spec_files import load_spec, spec_path
 from heronry_tools.runtime.demo.buses import BusChoice, choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 

@@ -18,7 +18,7 @@ from typing import Final
 from heronry_dg.objective import placement
 from heronry_manager.contingency.file_format import read_contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from lab.benches.harness import Benchmark, Report
 
 _PLANS_TRIED: Final = 1000

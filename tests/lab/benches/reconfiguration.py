@@ -22,10 +22,11 @@ from heronry_manager.core.membership import Standing
 from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.events import Event, PeJoined, PeLost, PlanUnchanged, Reconfigured
 from heronry_manager.shell.control_client import call, follow
-from heronry_tools.analysis.made_ahead import Source, add_contingencies_argument, contingencies_of
+from heronry_tools.analysis.made_ahead import contingencies_of
+from heronry_tools.console.contingencies_argument import Source, add_contingencies_argument
 from heronry_tools.console.number_arguments import whole_number
 from heronry_tools.console.progress import Progress
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.runtime.demo.awaited_events import LONGEST_S, AwaitedEvents
 from heronry_tools.runtime.demo.fleet import Fleet
 from lab.benches.fleets import aircraft

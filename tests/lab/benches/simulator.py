@@ -10,7 +10,7 @@ import time
 from argparse import Namespace
 
 from heronry_dg.shipped import shipped_spec_names
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.sim.compiled.machine_code import compiled_folder, environment, is_compiled
 from heronry_tools.sim.flight.campaign import collect_seldom
 from heronry_tools.sim.flight.simulation import Simulation

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 from heronry_dg.model import Spec
 from heronry_manager.events import Event, ManagerStarted, PeJoined, PeLost, Reconfigured, StandingBy
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.runtime.demo.awaited_events import LONGEST_S, AwaitedEvents
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.witness import Witness

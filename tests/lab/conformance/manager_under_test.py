@@ -13,7 +13,7 @@ from heronry_manager import events
 from heronry_manager.core.memory import NOTHING, Memory
 from heronry_manager.core.vocabulary import ManagerEvent, Order, PlanFailed, PlanReady, Reply, RequestPlan
 from heronry_manager.planning_policy import FromPlanner, PlannerAnswered
-from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.console.spec_files import spec_path
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.local_clock import LocalClock

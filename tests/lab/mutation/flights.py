@@ -13,7 +13,7 @@ from pathlib import Path
 
 from heronry_dg import loader
 from heronry_dg.model import Spec
-from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.console.spec_files import spec_path
 
 KINDS = ("conformance", "scenario", "sim")
 
@@ -80,7 +80,7 @@ class Specs:
 
 def flights(checkout: Path) -> list[Flight]:
     """Give every flight that a mutant has to pass."""
-    from lab.conformance.conformance_tests import CONFORMANCE_TESTS  # noqa: PLC0415
+    from lab.conformance.conformance_tests import CONFORMANCE_TESTS  # noqa: PLC0415 - flight code: see head
 
     conformance_tests = (Flight("conformance", Path(name)) for name in CONFORMANCE_TESTS)
     scenarios = sorted((checkout / "tests" / "scenarios").glob("*.scenario"))
@@ -114,14 +114,14 @@ def fly(flight: Flight, checkout: Path) -> Landed:
 
 
 def _conformance_test(name: str) -> Landed:
-    from lab.conformance.conformance_tests import conforms  # noqa: PLC0415
+    from lab.conformance.conformance_tests import conforms  # noqa: PLC0415 - flight code: see head
 
     return Landed(*conforms(name))
 
 
 def _fly_scenario(file: Path) -> Landed:
-    from heronry_tools.sim.scenario.in_simulator import fly as fly_script  # noqa: PLC0415
-    from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
+    from heronry_tools.sim.scenario.in_simulator import fly as fly_script  # noqa: PLC0415 - flight code: see head
+    from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415 - flight code: see head
 
     flown = fly_script(read_script(file))
     missed = next((f"'{one.expectation.text}': {one.seen}" for one in flown.verdicts if not one.holds), None)
@@ -130,9 +130,9 @@ def _fly_scenario(file: Path) -> Landed:
 
 
 def _fly_drawn(flight: Flight, checkout: Path) -> Landed:
-    from heronry_dg.loader import load  # noqa: PLC0415
-    from heronry_tools.sim.faults.drawing import drawn_faults  # noqa: PLC0415
-    from heronry_tools.sim.flight.outcome import Scenario, play  # noqa: PLC0415
+    from heronry_dg.loader import load  # noqa: PLC0415 - flight code: see head
+    from heronry_tools.sim.faults.drawing import drawn_faults  # noqa: PLC0415 - flight code: see head
+    from heronry_tools.sim.flight.outcome import Scenario, play  # noqa: PLC0415 - flight code: see head
 
     spec = load(checkout / flight.file)
     faults = drawn_faults(spec, flight.seed, flight.seconds, flight.kinds)

@@ -87,7 +87,7 @@ class Trials:
         """Import the flight code and the simulator."""
         import coverage  # noqa: F401, PLC0415 - slow, and not for --list
 
-        import lab.conformance.conformance_tests  # noqa: F401, PLC0415
+        import lab.conformance.conformance_tests  # noqa: F401, PLC0415 - flight code: see head
 
         self._checkout, self.flights, self._jobs = checkout, flights, jobs
         self._imports = imports_of_ours()
@@ -172,7 +172,7 @@ class Trials:
         forgotten = dependents(name, self._imports)
         before = vars(sys.modules[_PLANNING])
         take_in(name, file, mutant.applied_to(file.read_bytes()), forgotten)
-        from heronry_tools.sim.world import planning  # noqa: PLC0415
+        from heronry_tools.sim.world import planning  # noqa: PLC0415 - flight code: see head
 
         if "heronry_manager.planner.exact" not in forgotten:
             planning.KNOWN_PLANS.update(before["KNOWN_PLANS"])
@@ -184,7 +184,7 @@ def _watched(do: Callable[[], T], checkout: Path) -> tuple[T, dict[str, frozense
     """Call a function; gives its result and the lines of the cores that it ran."""
     from coverage import Coverage  # noqa: PLC0415 - a development dependency
 
-    from lab.mutation.flight_code import core_files  # noqa: PLC0415
+    from lab.mutation.flight_code import core_files  # noqa: PLC0415 - flight code: see head
 
     files = {str(checkout / file): str(file) for file in core_files(checkout)}
     watch = Coverage(data_file=None, config_file=False, include=list(files))

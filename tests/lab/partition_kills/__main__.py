@@ -14,7 +14,7 @@ from random import Random
 
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder

@@ -91,7 +91,7 @@ def _rivals(text: str) -> list[str]:
 
 
 def _sizes(arguments: argparse.Namespace) -> "list[Size]":
-    from lab.planner_race.race import Size  # noqa: PLC0415
+    from lab.planner_race.race import Size  # noqa: PLC0415 - loads the solver
 
     sizes = []
     for text in arguments.sizes.split(","):

@@ -3,7 +3,7 @@
 import pytest
 
 from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_wire.authentication import Key
 from heronry_wire.command_tags import CommandVerifier, Held, Refusal
 from lab.attack import Attacked, denied, main, management_load

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from lab.denial import Endured, main
 from lab.silences import Silences
 from tools.test_witness import MS, echo

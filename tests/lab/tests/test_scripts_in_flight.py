@@ -5,7 +5,7 @@ import json
 import pytest
 
 from heronry_manager.core.situation import HeldScript
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from lab.scripts_in_flight import FlightOfScripts, fly, main
 from thoroughness import part_of
 

@@ -18,78 +18,48 @@ damaged file is made anew.
 If the plans cannot be made or kept, a message says so, and the system flies without them.
 """
 
-import argparse
 import fcntl
 import platform
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from enum import Enum
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+import heronry_dg
+import heronry_manager
+from heronry_dg.model import Spec
+from heronry_dg.situation import elements
+from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.contingency.file_format import ContingencyFileError, read_contingencies
+from heronry_manager.planner.sweep import Scope
+from heronry_tools.analysis.campaign.crew import crew
+from heronry_tools.analysis.campaign.scope import cpus, phases_of
+from heronry_tools.analysis.campaign.sweeping import partial_of, sweep_into
+from heronry_tools.console.contingencies_argument import Ahead, Source
 from heronry_tools.console.user_cache import digest_of, user_cache
 from heronry_wire.errors import HeronryError
 
-if TYPE_CHECKING:
-    from heronry_dg.model import Spec
-    from heronry_manager.contingency.contingencies import Contingencies
-    from heronry_manager.planner.sweep import Scope
-
-SINGLE_FAULTS_KEPT: Final = "the plans for every single fault, made once and kept in the user's cache"
 _FAULTS: Final = 1
 _QUESTIONS_FOR_A_CREW: Final = 100  # fewer plans are made sooner than worker processes start
 
 
-class Ahead(Enum):
-    """Which plans are made ahead where the user names no file."""
-
-    SINGLE_FAULTS = "the plans for every single fault"
-    NOTHING = "none"
-
-
-Source = Path | Ahead
-
-CARRIED = "a PE has as many on board as fit; give the manager the same plans"
-"""The help text on the plans' purpose, for commands that compile tables."""
-
-
-def add_contingencies_argument(parser: argparse.ArgumentParser, what: str, default: str = SINGLE_FAULTS_KEPT) -> None:
-    """Add the option --contingencies.
-
-    what: the purpose of the plans. default: the plans that are used without the option. Both are for the help text.
-    """
-    parser.add_argument(
-        "--contingencies",
-        type=_source,
-        default=Ahead.SINGLE_FAULTS,
-        metavar="FILE",
-        help=f"plans made ahead ({what}): a file of 'heronry contingencies', or 'none' (default: {default})",
-    )
-
-
-def _source(text: str) -> Source:
-    return Ahead.NOTHING if text == Ahead.NOTHING.value else Path(text)
-
-
 def contingencies_of(
-    spec: "Spec", source: Source, before_making: Callable[[], None] = lambda: None, workers: int | None = None
-) -> "Contingencies | None":
+    spec: Spec, source: Source, before_making: Callable[[], None] = lambda: None, workers: int | None = None
+) -> Contingencies | None:
     """Give the plans made ahead for a spec, and make them now if needed; None if none are wanted or possible.
 
     before_making: called before planning, which takes minutes; it may raise an error that the user should see first.
     workers: the number of processes that plan; None: one for each processor, or this process if there are few plans.
     Raises ContingencyFileError for a file that is not of this spec, OSError for a file that cannot be read.
     """
-    from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415 - keeps `--help` quick
-
     if isinstance(source, Path):
         return read_contingencies(source, spec)
     return None if source is Ahead.NOTHING else _single_faults(spec, before_making, workers)
 
 
-def kept_contingencies(spec: "Spec") -> "Contingencies | None":
+def kept_contingencies(spec: Spec) -> Contingencies | None:
     """Give the plans for every single fault from the user's cache.
 
     None if the cache has no plans that this planner made for this spec with this solver.
@@ -105,7 +75,7 @@ def can_plan_ahead() -> bool:
     return True
 
 
-def questions(spec: "Spec") -> int:
+def questions(spec: Spec) -> int:
     """Give the number of plans to make: in each phase one for the healthy system, and one for each single fault.
 
     Plans for places are not counted. (A plan for a place is for the failure of a module on one PE.)
@@ -114,10 +84,8 @@ def questions(spec: "Spec") -> int:
     return scope.set_count() * len(scope.phases)
 
 
-def found_so_far(spec: "Spec") -> int:
+def found_so_far(spec: Spec) -> int:
     """Give the number of plans in the journal of a sweep that has not been completed; 0 without a journal."""
-    from heronry_tools.analysis.campaign.sweeping import partial_of  # noqa: PLC0415
-
     with suppress(OSError):
         lines = partial_of(_kept_in(spec)).read_bytes().count(b"\n")
         return max(0, lines - 1)  # the first line is no plan
@@ -132,7 +100,7 @@ def _solver() -> str | None:
         return None
 
 
-def _single_faults(spec: "Spec", before_making: Callable[[], None], workers: int | None) -> "Contingencies | None":
+def _single_faults(spec: Spec, before_making: Callable[[], None], workers: int | None) -> Contingencies | None:
     if not can_plan_ahead():
         return None
     file = _kept_in(spec)
@@ -155,7 +123,7 @@ def _say(sentence: str) -> None:
         print(f"heronry: {sentence}", file=sys.stderr)
 
 
-def _kept_in(spec: "Spec") -> Path:
+def _kept_in(spec: Spec) -> Path:
     """Give the file for the plans of a spec; its name has a digest of all that the plans depend on."""
     digest = digest_of(f"{spec.digest} ortools {_solver()} {platform.machine()}", _planner())
     return user_cache("contingencies") / f"{spec.name}-{digest}.contingencies"
@@ -163,24 +131,19 @@ def _kept_in(spec: "Spec") -> Path:
 
 def _planner() -> Iterator[tuple[str, Path]]:
     """Yield the source files on which a plan and the format of its file depend, each with its name."""
-    import heronry_dg  # noqa: PLC0415
-    import heronry_manager  # noqa: PLC0415
-
     for package in (heronry_dg, heronry_manager):
         home = Path(str(package.__file__)).parent
         yield from ((file.relative_to(home.parent).as_posix(), file) for file in sorted(home.rglob("*.py")))
 
 
-def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
+def _kept(spec: Spec, file: Path) -> Contingencies | None:
     """Read the plans of a file; None where it is missing, damaged, or of another spec."""
-    from heronry_manager.contingency.file_format import ContingencyFileError, read_contingencies  # noqa: PLC0415
-
     with suppress(OSError, ContingencyFileError):
         return read_contingencies(file, spec)
     return None
 
 
-def _made(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
+def _made(spec: Spec, file: Path, workers: int | None) -> Contingencies:
     """Make the plans of a spec ahead, write them to `file`, and return them; or read them if `file` has them.
 
     If another process is planning ahead, wait until it has finished, and then look into the file.
@@ -195,24 +158,16 @@ def _made(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
         return _kept(spec, file) or _make(spec, file, workers)
 
 
-def _make(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
-    from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
-    from heronry_tools.analysis.campaign.scope import cpus  # noqa: PLC0415
-    from heronry_tools.analysis.campaign.sweeping import sweep_into  # noqa: PLC0415
-
+def _make(spec: Spec, file: Path, workers: int | None) -> Contingencies:
     count = questions(spec)
     _say(f"planning {spec.name} ahead for every single fault, once ({count} plans, and those of places in use)")
     with crew(workers or (cpus() if count > _QUESTIONS_FOR_A_CREW else 1)) as executor:
         return sweep_into(file, spec, _scope(spec), executor).made
 
 
-def _scope(spec: "Spec") -> "Scope":
+def _scope(spec: Spec) -> Scope:
     """Give the scope of the plans made ahead: the elements that may fail, how many at once (0 or 1), the phases.
 
     With 1, each place that a fault-free plan uses may fail, too.
     """
-    from heronry_dg.situation import elements  # noqa: PLC0415
-    from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
-    from heronry_tools.analysis.campaign.scope import phases_of  # noqa: PLC0415
-
     return Scope(elements(spec), min(_FAULTS, spec.contingency.faults), phases_of(spec), places=True)

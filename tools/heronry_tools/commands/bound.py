@@ -8,63 +8,21 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from heronry_tools.console.output import add_output
-from heronry_tools.console.situation_arguments import add_phase
-from heronry_tools.console.spec_argument import add_spec_argument
-
-if TYPE_CHECKING:
-    from heronry_dg.configuration import Configuration
-    from heronry_dg.model import Spec
-    from heronry_dg.objective import Placement
-    from heronry_dg.situation import Situation
-    from heronry_manager.bounds.reconfiguration_bound import Bound, Case
-    from heronry_tools.console.text_tables import Cell
-
-_EPILOG = """\
-The sum runs from the fault, or from the report of a module, to the moment at which every PE on a wired bus does what
-the new plan wants. Each single fault is planned as the manager would plan it. The table has the worst element of each
-class of faults, once for each bus on which PEs report, since each bus has its own heartbeat period.
-
-detect, distribute and activate are bounds. They follow from the response times that 'heronry bus' shows, the slices of
-each plan, and the spec's heartbeat_ms and misses. They hold for one fault at a time and without lost frames, and leave
-out delays by the operating system. decide is measured: the longest time that one of these plans took on this computer,
-since the planner has no deadline. A plan made ahead is looked up in microseconds: --decide 0.1 stands for that.
-
-examples:
-  heronry bound elevator_and_chute                every class of faults, with its worst element
-  heronry bound big_blue --phase glide --json     every element, for other tools
-  heronry bound big_blue --decide 0.1             if the plans are made ahead
-"""
-
-
-def add_parsers(subparsers: Any) -> None:
-    """Add the parser of `heronry bound`."""
-    parser = subparsers.add_parser(
-        "bound",
-        description="Bound the time from a fault to the new configuration, in four parts: "
-        "detect, decide, distribute, activate.",
-        epilog=_EPILOG,
-    )
-    add_spec_argument(parser)
-    add_phase(parser)
-    parser.add_argument(
-        "--decide",
-        type=_milliseconds,
-        metavar="MS",
-        help="assume that making a plan takes MS milliseconds; without this option the time is measured",
-    )
-    add_output(parser, "write every element as JSON")
-    parser.set_defaults(run=run)
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement
+from heronry_dg.situation import Situation, situation
+from heronry_manager.bounds.fault_cases import count_plans, fault_cases
+from heronry_manager.bounds.reconfiguration_bound import Bound, Bounds, Case
+from heronry_manager.planner.exact import plan
+from heronry_tools.console.spec_files import load_spec
+from heronry_tools.console.text_tables import Bad, Cell, Table, print_tables
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the longest time of a reconfiguration after each fault; returns the exit code."""
-    from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import; `--help` does not need it
-    from heronry_manager.bounds.reconfiguration_bound import Bounds  # noqa: PLC0415
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
-
     spec = load_spec(arguments.spec)
     phase = situation(spec, phase=arguments.phase).phase
     cases, measured_ns = _planned(spec, phase)
@@ -78,29 +36,16 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if all(bound.total_ns is not None or bound.is_hopeless for bound in bounds) else 1
 
 
-def _milliseconds(text: str) -> int:
-    """Read a time in milliseconds, 0 to 3 600 000; gives ns. Raises ArgumentTypeError for any other time."""
-    duration = float(text)
-    if not 0 <= duration <= 3_600_000:
-        raise argparse.ArgumentTypeError(
-            f"{text} is not a planning time; write a number of milliseconds from 0 to 3600000"
-        )
-    return round(duration * 1_000_000)
-
-
-def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
+def _planned(spec: Spec, phase: str | None) -> tuple[list[Case], int]:
     """Plan for every fault; returns the cases, and the longest planning time in ns.
 
     The time of the first plan does not count, since the first call of the planner is slower.
     """
-    from heronry_manager.bounds.fault_cases import count_plans, fault_cases  # noqa: PLC0415
-    from heronry_manager.planner.exact import plan  # noqa: PLC0415
-
     longest_ns = made = 0
     most = count_plans(spec)
     shows = sys.stderr.isatty()
 
-    def timed(now: "Situation", running: "Placement | None") -> "Configuration":
+    def timed(now: Situation, running: Placement | None) -> Configuration:
         nonlocal longest_ns, made
         begun_ns = time.perf_counter_ns()
         found = plan(spec, now, running).configuration
@@ -117,7 +62,7 @@ def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
     return cases, longest_ns
 
 
-def _worst(bounds: "Sequence[Bound]") -> "list[Bound]":
+def _worst(bounds: Sequence[Bound]) -> list[Bound]:
     """Give the largest bound for each class of faults and each bus on which PEs report.
 
     Faults after which no reconfiguration follows (`is_hopeless`) are left out.
@@ -130,18 +75,16 @@ def _worst(bounds: "Sequence[Bound]") -> "list[Bound]":
     return list(worst.values())
 
 
-def _named(bound: "Bound") -> str:
+def _named(bound: Bound) -> str:
     fault = bound.case.fault.value
     return f"{fault}, {bound.heard_on}" if bound.heard_on else fault
 
 
-def _badness(bound: "Bound") -> int:
+def _badness(bound: Bound) -> int:
     return 1 << 63 if bound.total_ns is None else bound.total_ns
 
 
-def _print(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_measured: bool) -> None:
-    from heronry_tools.console.text_tables import Bad, Table, print_tables  # noqa: PLC0415
-
+def _print(spec: Spec, phase: str | None, bounds: Sequence[Bound], *, is_measured: bool) -> None:
     named = f", phase {phase}" if phase is not None else ""
     measured = "'decide' is measured on this machine, and all other times are bounds"
     how = measured if is_measured else "'decide' is given"
@@ -156,7 +99,7 @@ def _print(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_mea
     print_tables(f"{spec.name}{named}: {how}", tables)
 
 
-def _remark(bound: "Bound") -> str:
+def _remark(bound: Bound) -> str:
     steps = ", ".join(step.name for step in bound.steps)
     facts = [f"{bound.slice_frames} SLICE, {steps}" if steps else "", bound.note]
     return "; ".join([bound.case.element, *(fact for fact in facts if fact)])
@@ -166,7 +109,7 @@ def _ms(time_ns: int | None) -> str:
     return "-" if time_ns is None else f"{time_ns / 1_000_000:.1f}"
 
 
-def _document(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_measured: bool) -> dict[str, Any]:
+def _document(spec: Spec, phase: str | None, bounds: Sequence[Bound], *, is_measured: bool) -> dict[str, Any]:
     return {
         "spec": spec.digest,
         "phase": phase,
@@ -176,7 +119,7 @@ def _document(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_
     }
 
 
-def _facts(bound: "Bound") -> dict[str, Any]:
+def _facts(bound: Bound) -> dict[str, Any]:
     return {
         "element": bound.case.element,
         "total_ns": bound.total_ns,

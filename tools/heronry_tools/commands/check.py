@@ -16,81 +16,26 @@ import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
+from heronry_dg.check import text_report
+from heronry_dg.check.assess import Assessed, Check, Choice, assess, lines_at
+from heronry_dg.check.subject import Subject
+from heronry_dg.findings import Findings
+from heronry_dg.loader import SUFFIX, read_file
+from heronry_dg.rules.rule import Severity
+from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_dg.yaml_source import MOST_BYTES
+from heronry_pcs.file_rules import RULES as GRAPH_RULES
+from heronry_pcs.graph_files import SUFFIXES, findings_in
+from heronry_tools.analysis.check.registry import FAMILIES, RULES, checks_of
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.output import JSON, Forms, add_output
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import FLOWN
+from heronry_wire.command_parser import program_version
 from heronry_wire.errors import HeronryError
 
-if TYPE_CHECKING:
-    from heronry_dg.check.assess import Assessed, Check, Choice
-    from heronry_dg.check.subject import Subject
-    from heronry_dg.findings import Findings
-
-_FORMATS: Final[Forms] = {
-    "full": (),
-    "concise": (),
-    "json": JSON,
-    "github": (),
-    "sarif": (".sarif", *JSON),
-    "junit": (".xml",),
-}
 _STDIN: Final = "<stdin>"
-
-_EPILOG: Final = """\
-examples:
-  heronry check                                  every *.dg.yaml and *.pcs.yaml below this folder
-  heronry check --fast my.dg.yaml                without the rules that need a solver: for editors and hooks
-  heronry check specs/ --strict                  warnings fail, too
-  heronry check specs/ --quiet                   errors only; warnings are counted
-  heronry check --select DG2,DG4 --ignore DG240  two families, without one code
-  heronry check --error DG401 my.dg.yaml         this warning counts as an error
-  heronry check -o findings.sarif                for a forge that shows SARIF; --format names all forms
-  heronry rules                                  all codes; heronry explain DG203 explains one
-
-In a spec:  speed: {type: FLOAT}  # dg: ignore[DG240] read by the ground station
-Above it:   # dg: error[DG401]
-"""
-
-
-def add_parsers(subparsers: Any) -> None:
-    """Add the parser of `heronry check`."""
-    parser = subparsers.add_parser(
-        "check",
-        description="Check specs against every rule, and read component graphs (*.pcs.yaml, *.pcs.json). "
-        "Exit code 0: no errors; 1: errors; 2: wrong usage.",
-        epilog=_EPILOG,
-    )
-    parser.add_argument(
-        "paths", metavar="PATH", nargs="*", default=["."], help="a spec, a folder of specs, or - for standard input"
-    )
-    parser.add_argument("--fast", action="store_true", help="check only the rules that need no solver")
-    parser.add_argument(
-        "--select",
-        metavar="CODES",
-        type=_codes,
-        default=["DG"],
-        help="report only findings with these codes or beginnings of codes, for example DG2,DG401",
-    )
-    parser.add_argument("--ignore", metavar="CODES", type=_codes, default=[], help="leave out these codes")
-    parser.add_argument(
-        "--error", metavar="CODES", type=_codes, default=[], help="count warnings with these codes as errors"
-    )
-    parser.add_argument("--strict", action="store_true", help="count all warnings as errors")
-    parser.add_argument("-q", "--quiet", action="store_true", help="report errors only, and the number of warnings")
-    add_output(parser, "write the findings as JSON", _FORMATS, "github where GITHUB_ACTIONS is set, full elsewhere")
-    parser.set_defaults(run=run)
-
-
-def _codes(text: str) -> list[str]:
-    codes = [code.strip() for code in text.split(",")]
-    if not all(codes):
-        raise argparse.ArgumentTypeError(
-            f"{text!r} leaves a code empty: write codes or beginnings of codes, for example DG2,DG401"
-        )
-    return codes
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -111,8 +56,6 @@ def _a_short_life() -> Iterator[None]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from heronry_dg.rules.rule import Severity  # noqa: PLC0415 - pydantic is slow to import
-
     choice = _choice(arguments)
     try:
         with Progress() as progress:
@@ -132,11 +75,7 @@ class _DefectError(Exception):
     """A defect of heronry that stopped a check; its message is one sentence."""
 
 
-def _choice(arguments: argparse.Namespace) -> "Choice":
-    from heronry_dg.check.assess import Choice  # noqa: PLC0415
-    from heronry_dg.rules.rule import Severity  # noqa: PLC0415
-    from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
-
+def _choice(arguments: argparse.Namespace) -> Choice:
     for option in ("select", "ignore", "error"):
         for code in getattr(arguments, option):
             if not any(known.startswith(code) for known in RULES):
@@ -172,8 +111,6 @@ def _expect_readable(file: Path) -> None:
     A file that was found in a folder, and may not be read, gets a finding (DG001) instead.
     """
     if not os.access(file, os.R_OK):
-        from heronry_dg.shipped import shipped_spec_names  # noqa: PLC0415
-
         if file.exists():
             raise UserError(f"{file}: you may not read this file; make it readable for you, or name another one")
         raise UserError(
@@ -183,9 +120,6 @@ def _expect_readable(file: Path) -> None:
 
 
 def _specs_below(folder: Path) -> list[Path]:
-    from heronry_dg.loader import SUFFIX  # noqa: PLC0415
-    from heronry_pcs.graph_files import SUFFIXES  # noqa: PLC0415
-
     found = []
     for where, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
@@ -200,20 +134,11 @@ def _specs_below(folder: Path) -> list[Path]:
 
 def _shipped(text: str) -> Path | None:
     """Give the path of the shipped spec named `text`; None if there is none, or if `text` is the path of a file."""
-    from heronry_dg.shipped import shipped_spec_names, shipped_spec_path  # noqa: PLC0415
-
     is_shipped = text in (*shipped_spec_names(), *FLOWN) and not Path(text).exists()
     return shipped_spec_path(text) if is_shipped else None
 
 
-def _assessed(name: str, path: Path | None, choice: "Choice", progress: Progress, *, fast: bool) -> "Assessed":
-    from heronry_dg.check.assess import Assessed, assess  # noqa: PLC0415
-    from heronry_dg.findings import Findings  # noqa: PLC0415
-    from heronry_dg.loader import read_file  # noqa: PLC0415
-    from heronry_dg.yaml_source import MOST_BYTES  # noqa: PLC0415
-    from heronry_pcs.graph_files import SUFFIXES  # noqa: PLC0415
-    from heronry_tools.analysis.check.registry import RULES, checks_of  # noqa: PLC0415
-
+def _assessed(name: str, path: Path | None, choice: Choice, progress: Progress, *, fast: bool) -> Assessed:
     findings = Findings(name)
     data = sys.stdin.buffer.read(MOST_BYTES + 1) if path is None else read_file(path, findings)
     if data is None:
@@ -225,14 +150,12 @@ def _assessed(name: str, path: Path | None, choice: "Choice", progress: Progress
         return assess(data, name, _in_stages(name, checks_of(fast=fast), progress), RULES, choice, work=progress)
 
 
-def _in_stages(name: str, checks: "Mapping[str, Check]", progress: Progress) -> "dict[str, Check]":
+def _in_stages(name: str, checks: Mapping[str, Check], progress: Progress) -> dict[str, Check]:
     """Give the checks of the families of rules, each of which shows at its beginning which stage of the work it is."""
-    from heronry_tools.analysis.check.registry import FAMILIES  # noqa: PLC0415
-
     titles = {family.prefix: family.title for family in FAMILIES}
 
-    def staged(number: int, prefix: str, check: "Check") -> "Check":
-        def begin(subject: "Subject", findings: "Findings") -> None:
+    def staged(number: int, prefix: str, check: Check) -> Check:
+        def begin(subject: Subject, findings: Findings) -> None:
             progress.begin(f"{name}: stage {number} of {len(checks)}, {titles[prefix]} ({prefix}xx)", 0)
             check(subject, findings)
 
@@ -241,11 +164,8 @@ def _in_stages(name: str, checks: "Mapping[str, Check]", progress: Progress) -> 
     return {prefix: staged(number, prefix, check) for number, (prefix, check) in enumerate(checks.items(), 1)}
 
 
-def _graph_file(data: bytes, name: str) -> "Assessed":
+def _graph_file(data: bytes, name: str) -> Assessed:
     """Read a component graph; an error in it is always reported, whichever codes were selected."""
-    from heronry_dg.check.assess import Assessed, lines_at  # noqa: PLC0415
-    from heronry_pcs.graph_files import findings_in  # noqa: PLC0415
-
     found = findings_in(data, name)
     return Assessed(name, found, lines_at({finding.place.line for finding in found}, data))
 
@@ -271,15 +191,12 @@ def _defects_of(what: str) -> Iterator[None]:
         raise _DefectError(f"{what}: {said}; {remedy}") from error
 
 
-def _told(assessed: "Sequence[Assessed]", *, quiet: bool) -> "Sequence[Assessed]":
+def _told(assessed: Sequence[Assessed], *, quiet: bool) -> Sequence[Assessed]:
     """Give the findings to report: all of them, or only the errors if `quiet` is True."""
     return [one.errors_alone() for one in assessed] if quiet else assessed
 
 
-def _report(told: "Sequence[Assessed]", assessed: "Sequence[Assessed]", arguments: argparse.Namespace) -> str:
-    from heronry_dg.check import text_report  # noqa: PLC0415
-    from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
-
+def _report(told: Sequence[Assessed], assessed: Sequence[Assessed], arguments: argparse.Namespace) -> str:
     form = arguments.format or ("github" if os.environ.get("GITHUB_ACTIONS") else "full")
     match form:
         case "concise":
@@ -292,10 +209,8 @@ def _report(told: "Sequence[Assessed]", assessed: "Sequence[Assessed]", argument
     return _machine_report(told, form)
 
 
-def _machine_report(told: "Sequence[Assessed]", form: str) -> str:
-    from heronry_dg.check import machine_reports  # noqa: PLC0415 - XML is slow to import
-    from heronry_pcs.file_rules import RULES as GRAPH_RULES  # noqa: PLC0415
-    from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
+def _machine_report(told: Sequence[Assessed], form: str) -> str:
+    from heronry_dg.check import machine_reports  # noqa: PLC0415 - XML is slow to import, and people need none
 
     rules = {**RULES, **GRAPH_RULES}
     match form:
@@ -304,15 +219,9 @@ def _machine_report(told: "Sequence[Assessed]", form: str) -> str:
         case "github":
             return machine_reports.github_report(told)
         case "sarif":
-            return machine_reports.sarif_report(told, rules, _version())
+            return machine_reports.sarif_report(told, rules, program_version())
         case _:
             return machine_reports.junit_report(told)
-
-
-def _version() -> str:
-    from importlib.metadata import version  # noqa: PLC0415
-
-    return version("heronry")
 
 
 def _write(text: str) -> None:

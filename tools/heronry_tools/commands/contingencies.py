@@ -6,45 +6,17 @@ Exit codes: 0 the file was written, or every entry of it is correct; 1 an entry 
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from heronry_tools.analysis.campaign.scope import add_scope_arguments, jobs_of, scope_of
-from heronry_tools.console.output import add_json, expect_ending
-from heronry_tools.console.spec_argument import add_spec_argument, load_spec
-
-if TYPE_CHECKING:
-    from heronry_dg.model import Spec
-    from heronry_tools.analysis.campaign.sweeping import Written
-
-_EPILOG = """\
-Faults are counted in elements: pe:NAME, device:NAME, module:NAME, bus:NAME, channel:BUS.1. Every plan assumes that the
-phase's fault-free plan runs when the faults occur. A run that is stopped or killed leaves FILE.partial, and the same
-command continues from it.
-
-examples:
-  heronry contingencies elevator_and_chute -o chute.contingencies
-  heronry contingencies big_blue -o big_blue.contingencies --faults 1 --phase glide
-  heronry contingencies big_blue -o big_blue.contingencies --kinds pe,bus --jobs 1
-  heronry contingencies big_blue -o big_blue.contingencies --scheduler tcp://10.0.0.5:8786
-  heronry contingencies --check big_blue.contingencies big_blue      verify every entry
-  heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
-"""
-
-
-def add_parsers(subparsers: Any) -> None:
-    """Add the parser of `heronry contingencies`."""
-    parser = subparsers.add_parser(
-        "contingencies",
-        description="Plan for every set of faults in every phase, and keep the plans in one file.",
-        epilog=_EPILOG,
-    )
-    add_spec_argument(parser)
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plans here")
-    what.add_argument("--check", metavar="FILE", type=Path, help="make no plans; verify every entry of this file")
-    add_scope_arguments(parser)
-    add_json(parser, "write what was made, or what is wrong, as JSON")
-    parser.set_defaults(run=run)
+from heronry_dg.model import Spec
+from heronry_manager.contingency.file_format import read_contingencies
+from heronry_manager.core.tables import on_board
+from heronry_tools.analysis.campaign.checking import faults_of
+from heronry_tools.analysis.campaign.crew import crew
+from heronry_tools.analysis.campaign.scope import jobs_of, scope_of
+from heronry_tools.analysis.campaign.sweeping import Written, sweep_into
+from heronry_tools.console.output import expect_ending
+from heronry_tools.console.spec_files import load_spec
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -53,10 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     return _make(spec, arguments) if arguments.check is None else _check(spec, arguments)
 
 
-def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
-    from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
-    from heronry_tools.analysis.campaign.sweeping import sweep_into  # noqa: PLC0415
-
+def _make(spec: Spec, arguments: argparse.Namespace) -> int:
     expect_ending(arguments.output, {"contingencies": (".contingencies",)})
     scope = scope_of(spec, arguments, places=True)
     with crew(jobs_of(arguments), arguments.scheduler) as executor:
@@ -68,9 +37,7 @@ def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _report(spec: "Spec", file: Path, written: "Written") -> None:
-    from heronry_manager.core.tables import on_board  # noqa: PLC0415 - loads pydantic
-
+def _report(spec: Spec, file: Path, written: Written) -> None:
     made, tally, scope = written.made, written.tally, written.made.scope
     total = sum(1 for _ in made.entries())
     unproven = sum(not plan.optimal for _, _, plan in made.entries())
@@ -94,9 +61,7 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
         print(f"PE {one.pe}: {one.held} configurations on board, {room}{where}")
 
 
-def _document(spec: "Spec", file: Path, written: "Written") -> dict[str, Any]:
-    from heronry_manager.core.tables import on_board  # noqa: PLC0415 - loads pydantic
-
+def _document(spec: Spec, file: Path, written: Written) -> dict[str, Any]:
     made, tally, scope = written.made, written.tally, written.made.scope
     return {
         "file": str(file),
@@ -116,11 +81,7 @@ def _document(spec: "Spec", file: Path, written: "Written") -> dict[str, Any]:
     }
 
 
-def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
-    from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415
-    from heronry_tools.analysis.campaign.checking import faults_of  # noqa: PLC0415
-    from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
-
+def _check(spec: Spec, arguments: argparse.Namespace) -> int:
     made = read_contingencies(arguments.check, spec)
     with crew(jobs_of(arguments), arguments.scheduler) as executor:
         wrong = faults_of(spec, made, executor)

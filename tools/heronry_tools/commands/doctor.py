@@ -9,59 +9,29 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from heronry_tools.console.output import add_output
+from heronry_tools.console.errors import UserError
+from heronry_tools.reports.findings import Finding, all_right, as_json, as_text
+from heronry_tools.runtime.doctor.asking import ask_tables, assess_tables
+from heronry_tools.runtime.doctor.computer import assess_computer, assess_wake_ups, knows_can
+from heronry_tools.runtime.doctor.expected import Expected, expected_by_table
+from heronry_tools.runtime.doctor.interface import assess_interface
+from heronry_tools.runtime.doctor.listening import BusNamed, Hearing, assess_channels, assess_hearing
+from heronry_tools.runtime.wake_ups import latest_wake_up_ns
+from heronry_wire.arrival_times import ArrivalTimes
+from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus
+from heronry_wire.bus_opening import LinkError, Opened, open_bus
+from heronry_wire.can_interface import read_interface
+from heronry_wire.channel_merge import ChannelMerge
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
-
-if TYPE_CHECKING:
-    from heronry_tools.reports.findings import Finding
-    from heronry_tools.runtime.doctor.expected import Expected
-    from heronry_tools.runtime.doctor.listening import Hearing
-    from heronry_wire.bus_opening import Opened
+from heronry_wire.python_can import frame_of
 
 _PAUSE_S = 0.5
 _REHEARSAL_S = 1.0  # length of the rehearsal of one node, which measures how late the node wakes
-_EPILOG = """\
-examples:
-  heronry doctor -i socketcan -c can0                      the interface, and what is heard on it
-  heronry doctor my.dg.yaml -i socketcan -c can0           ... and whether the PEs are those of this spec
-  heronry doctor /etc/heronry/nav.table -i socketcan -c can0     on a node, which has only its table
-  heronry doctor my.dg.yaml -i socketcan -c can0 --wait 60       after everything was started
-  heronry doctor twin.dg.yaml -i socketcan -c can0,can1          a bus with 'channels: 2': which PEs are on only one
-  heronry doctor -i socketcan -c can0 --json | jq .findings
-
-The command listens on the bus, and reads from each PE that it hears, by SDO, the digest of the spec of its table. It
-sends no commands. Do not use it in flight: there the manager is the only SDO client.
-"""
-
-
-def add_parsers(subparsers: Any) -> None:
-    """Add the parser of `heronry doctor`."""
-    from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
-
-    parser = subparsers.add_parser(
-        "doctor",
-        description="Check this computer, its CAN interface, and what is heard on the bus.",
-        epilog=_EPILOG,
-    )
-    parser.add_argument(
-        "spec", metavar="SPEC", nargs="?", help="what should be on the bus: a spec, or the *.table of a PE"
-    )
-    parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="seconds to listen (default 3)")
-    parser.add_argument(
-        "--wait", type=float, default=0.0, metavar="S", help="repeat until everything is right, for up to S seconds"
-    )
-    add_output(parser, "write the findings as JSON")
-    add_bus_arguments(parser, "the bus")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything and report; returns 0, or 1 where a finding is not right."""
-    from heronry_tools.console.errors import UserError  # noqa: PLC0415
-    from heronry_tools.reports.findings import all_right, as_json, as_text  # noqa: PLC0415
-
     if not 0 < arguments.seconds <= 600:
         raise UserError(f"--seconds {arguments.seconds:g}: listen for more than 0 and up to 600 s")
     until_s = time.monotonic() + arguments.wait
@@ -73,21 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if all_right(findings) else 1
 
 
-def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
-    from heronry_tools.reports.findings import Finding  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.asking import ask_tables, assess_tables  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.computer import assess_computer, assess_wake_ups, knows_can  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.interface import assess_interface  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.listening import (  # noqa: PLC0415
-        BusNamed,
-        assess_channels,
-        assess_hearing,
-    )
-    from heronry_tools.runtime.wake_ups import latest_wake_up_ns  # noqa: PLC0415
-    from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus  # noqa: PLC0415
-    from heronry_wire.bus_opening import LinkError, open_bus  # noqa: PLC0415
-    from heronry_wire.can_interface import read_interface  # noqa: PLC0415
-
+def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
     expected = None if arguments.spec is None else _expected(arguments.spec)
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bus = BusNamed(str(flags.get("interface")), str(flags.get("channel")))
@@ -129,23 +85,16 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     yield from assess_tables(answers, expected)
 
 
-def _expected(text: str) -> "Expected":
-    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.expected import expected_by_spec, expected_by_table  # noqa: PLC0415
-
+def _expected(text: str) -> Expected:
     if text.endswith(".table"):
         return expected_by_table(Path(text))
-    spec = load_spec(text)
-    return expected_by_spec(spec, spec.manager.bus)
+    from heronry_tools.runtime.doctor.expected_by_spec import expected_in  # noqa: PLC0415 - a node lacks pydantic
+
+    return expected_in(text)
 
 
-def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
+def _listen(buses: dict[str, Opened], seconds: float, heartbeat_ns: int | None) -> Hearing:
     """Listen to the channels of one bus; counts each frame once, and notes on which channels each node is heard."""
-    from heronry_tools.runtime.doctor.listening import Hearing  # noqa: PLC0415
-    from heronry_wire.arrival_times import ArrivalTimes  # noqa: PLC0415
-    from heronry_wire.channel_merge import ChannelMerge  # noqa: PLC0415
-    from heronry_wire.python_can import frame_of  # noqa: PLC0415
-
     heard, end_s = Hearing(on_channel={name: set() for name in buses}), time.monotonic() + seconds
     merge, times = ChannelMerge(heartbeat_ns or USUAL_HEARTBEAT_NS), {name: ArrivalTimes() for name in buses}
     is_quiet = (

@@ -13,80 +13,16 @@ import json
 import shlex
 from collections import Counter
 from random import Random
-from typing import TYPE_CHECKING, Any
 
+from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.number_arguments import processors, whole_number
-from heronry_tools.console.output import add_output
 from heronry_tools.console.progress import Progress
-from heronry_tools.console.spec_argument import add_spec_argument, load_spec_file, spec_path
-from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
-
-if TYPE_CHECKING:
-    from heronry_dg.model import Spec
-    from heronry_tools.sim.flight.exhaustive import Case, Setup
-    from heronry_tools.sim.oracles.violation import Violation
-
-_EPILOG = """\
-A story is one event that makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that
-raises, each sensor that dies, each element that the operator fails and clears, each phase, requested by the operator or
-by a module; with --standby also the death of the active manager. Each story is flown once for each fault: one of its
-management frames, from the first to the last, is lost, doubled or late, for one node or for all nodes, or a node dies
-at that frame. Use a spec with three PEs: it has some 37000 flights, half an hour on one processor.
-
-Exit codes: 0 all is well; 1 an oracle was violated, or a fault of a given case was not injected; 2 the input cannot be
-used; 130 and 143 ended by Ctrl-C and by SIGTERM.
-
-examples:
-  heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --sample 200      drawn from all of them, by --seed
-  heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --jobs 0          all of them
-  heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --count           only tell how many there are
-  heronry exhaust my.dg.yaml --pairs 5000 --sample 0                          two at a time, drawn
-  heronry exhaust my.dg.yaml --case 'crash pe:nav: 17 lost pe:tail, 20 crash manager'
-  heronry exhaust my.dg.yaml --standby --keyed --foreseen 1 --sample 500      two managers, a key, plans on board
-"""
-
-
-def add_parsers(subparsers: Any) -> None:
-    """Add the parser of `heronry exhaust`."""
-    parser = subparsers.add_parser(
-        "exhaust",
-        description=(
-            "Inject every fault at every message of every reconfiguration, one fault in each flight, and check the "
-            "flights."
-        ),
-        epilog=_EPILOG,
-    )
-    add_spec_argument(parser)
-    parser.add_argument("--sample", type=whole_number, metavar="N", help="fly only N single faults, drawn at random")
-    parser.add_argument(
-        "--pairs",
-        type=whole_number,
-        default=0,
-        metavar="N",
-        help="also fly N pairs of faults, drawn at random (default: 0)",
-    )
-    parser.add_argument(
-        "--seed", type=whole_number, default=0, metavar="N", help="seed from which faults are drawn (default: 0)"
-    )
-    parser.add_argument("--standby", action="store_true", help="fly with two managers")
-    parser.add_argument("--keyed", action="store_true", help="give managers and PEs a key")
-    parser.add_argument(
-        "--foreseen",
-        type=whole_number,
-        metavar="N",
-        help="make plans ahead for up to N faults, and put the plans on board (default: no plans are made ahead)",
-    )
-    parser.add_argument("--count", action="store_true", help="fly nothing: count the single faults of each story")
-    parser.add_argument(
-        "--case", action="append", default=[], metavar="CASE", help="fly only this case, 'STORY: FAULT, ..'; see below"
-    )
-    parser.add_argument(
-        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
-    )
-    add_compiled_argument(parser)
-    add_output(parser, "write the flights and their failures, or the counts of --count, as JSON")
-    parser.set_defaults(run=run)
+from heronry_tools.console.spec_files import load_spec_file, spec_path
+from heronry_tools.sim.compiled.machine_code import go_on_compiled
+from heronry_tools.sim.flight.campaign import fly_all
+from heronry_tools.sim.flight.exhaustive import Case, Setup, drawn_pairs, fly_case, read_case, single_cases, stories
+from heronry_tools.sim.flight.flyable import check_images
+from heronry_tools.sim.oracles.violation import Violation
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -95,10 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
     Returns the exit code: 1 if in any case an oracle was violated, or a fault of `--case` was not injected;
     otherwise 0.
     """
-    go_on_compiled_if_asked(arguments)
-    from heronry_tools.sim.flight.campaign import fly_all  # noqa: PLC0415 - the solver is slow to import
-    from heronry_tools.sim.flight.exhaustive import fly_case  # noqa: PLC0415
-    from heronry_tools.sim.flight.flyable import check_images  # noqa: PLC0415
+    if arguments.compiled:
+        go_on_compiled(arguments.argv)
 
     spec = load_spec_file(arguments.spec)
     check_images(spec)
@@ -121,10 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
+def _counts(spec: Spec, arguments: argparse.Namespace) -> dict[str, int]:
     """Give for each story how many single faults can be injected into it."""
-    from heronry_tools.sim.flight.exhaustive import single_cases, stories  # noqa: PLC0415
-
     setup = _setup(arguments)
     return {story: len(single_cases(spec, story, setup)) for story in stories(spec, setup)}
 
@@ -134,15 +66,11 @@ def _counted(counts: dict[str, int]) -> str:
     return "\n".join([*(f"{count:7} {story}" for story, count in counts.items()), f"{sum(counts.values()):7} flights"])
 
 
-def _setup(arguments: argparse.Namespace) -> "Setup":
-    from heronry_tools.sim.flight.exhaustive import Setup  # noqa: PLC0415
-
+def _setup(arguments: argparse.Namespace) -> Setup:
     return Setup(arguments.foreseen, arguments.keyed, arguments.standby)
 
 
-def _cases(spec: "Spec", arguments: argparse.Namespace) -> "list[Case]":
-    from heronry_tools.sim.flight.exhaustive import drawn_pairs, read_case, single_cases, stories  # noqa: PLC0415
-
+def _cases(spec: Spec, arguments: argparse.Namespace) -> list[Case]:
     setup = _setup(arguments)
     if arguments.case:
         return [read_case(spec, text, setup) for text in arguments.case]
@@ -155,7 +83,7 @@ def _cases(spec: "Spec", arguments: argparse.Namespace) -> "list[Case]":
     return [*every, *pairs]
 
 
-def _told(arguments: argparse.Namespace, case: "Case", violations: "list[Violation]") -> list[str]:
+def _told(arguments: argparse.Namespace, case: Case, violations: list[Violation]) -> list[str]:
     return [
         str(case),
         *(f"  VIOLATION {violation}" for violation in violations),
@@ -163,7 +91,7 @@ def _told(arguments: argparse.Namespace, case: "Case", violations: "list[Violati
     ]
 
 
-def _summary(cases: "list[Case]", failed: int) -> str:
+def _summary(cases: list[Case], failed: int) -> str:
     kinds = Counter(fault.kind for case in cases for fault in case.faults)
     stories = len({case.story for case in cases})
     faults = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
@@ -171,7 +99,7 @@ def _summary(cases: "list[Case]", failed: int) -> str:
 
 
 def _document(
-    arguments: argparse.Namespace, cases: "list[Case]", failed: "list[tuple[Case, list[Violation]]]"
+    arguments: argparse.Namespace, cases: list[Case], failed: list[tuple[Case, list[Violation]]]
 ) -> dict[str, object]:
     return {
         "flights": len(cases),
@@ -187,7 +115,7 @@ def _document(
     }
 
 
-def _replay(arguments: argparse.Namespace, case: "Case") -> str:
+def _replay(arguments: argparse.Namespace, case: Case) -> str:
     words = ["heronry", "exhaust", shlex.quote(arguments.spec)]
     words += [f"--{name}" for name in ("standby", "keyed") if getattr(arguments, name)]
     words += [] if arguments.foreseen is None else ["--foreseen", str(arguments.foreseen)]

@@ -7,146 +7,32 @@ import argparse
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from heronry_dg.model import Spec
+from heronry_tools.command_lines.fly import NEVER
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.number_arguments import flights, processors, whole_number
-from heronry_tools.console.output import add_output, expect_ending
+from heronry_tools.console.output import expect_ending
 from heronry_tools.console.progress import show_line
-from heronry_tools.console.spec_argument import FLOWN, load_spec_file, spec_path
+from heronry_tools.console.spec_files import load_spec_file, spec_path
 from heronry_tools.console.whole_file import expect_writable, write_whole
-from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
+from heronry_tools.fly import glider_mission, mission
+from heronry_tools.fly.acceptance import interval
+from heronry_tools.fly.campaign import Drawn, latency_line, quantiles
+from heronry_tools.fly.glider_campaign import missions
+from heronry_tools.fly.glider_mission import GliderMission
+from heronry_tools.fly.kinds import KINDS, Kind, aircraft_of
+from heronry_tools.fly.live.flight import fly_live
+from heronry_tools.fly.mission import Blow, Mission
+from heronry_tools.fly.report import dispersion_page, flight_page
+from heronry_tools.fly.report.dispersion_page import Landing as Dispersed
+from heronry_tools.sim.compiled.machine_code import go_on_compiled
+from heronry_tools.sim.faults.fault import read_fault
+from heronry_tools.sim.flight.campaign import fly_all
 from heronry_wire.spelling import kind_word, meant
 
-if TYPE_CHECKING:
-    from heronry_dg.model import Spec
-    from heronry_tools.fly.campaign import Drawn
-    from heronry_tools.fly.kinds import Kind
-    from heronry_tools.fly.mission import Blow
-    from heronry_tools.fly.report.dispersion_page import Landing as Dispersed
-
-_NEVER = "never"
 _MOST = 100_000  # largest number of an option, in s or in m of height: more than any flight needs
-_PHASES = ("ascent", "deployment", "glide", "landing")
 _HOW = ("dead", "stuck", "bias", "loose")
-_EPILOG = """\
-The EAV is on final, 620 m before the aiming point. After two seconds its differential receiver loses its corrections: a
-monitor on board finds that, the manager plans anew, and the tracking filter lands the aircraft by the angles at which
-the camera of a rover beside the runway sees it. All data go through modules of the spec and frames on its buses, as the
-running plan wires them.
-
-A landing is acceptable with a sink rate of at most 1.5 m/s, within 7.2 m of the centre line and -60 to 90 m of the aim,
-a bank of at most 10 degrees, a pitch of 0 to 14 degrees, and if wheels alone touch the ground. Where the plan has no
-position that is good enough, the flight management goes around; with --must-land it lands all the same.
-
-BIG BLUE goes up under its balloon, fills its wings above 15 km, is cut loose near 20 km, and glides home; the phases of
-the spec are entered by their own rules. On the line, where surfaces have no effect, time passes 30 times faster. Its
-landing is acceptable within 500 m of home, with a sink of at most 3 m/s, and if its skids alone touch the ground.
-
-A fault is ELEMENT@WHEN: an element is pe:NAME, bus:NAME or device:NAME (with =dead, =stuck, =bias or =loose), WHEN is
-seconds of the flight, or a height (10m) below which it happens. Wind is drawn by the seed, up to 7.7 m/s at 20 ft and
-60 degrees from the runway's direction, with turbulence. The same seed gives the same flight, bit for bit, with the same
-digest.
-
-Exit codes: 0 flown, whatever the landing was like; 1 an oracle was violated (--judged); 2 the input cannot be used;
-130 and 143 ended by Ctrl-C and by SIGTERM.
-
-examples:
-  heronry fly eav                                      one landing
-  heronry fly eav --without-rover                      no landing: it goes around
-  heronry fly eav --without-rover --must-land          ... it lands all the same
-  heronry fly eav --kill bus:radio@10m                 the radio dies below 10 m
-  heronry fly eav --kill device:elevator_1=stuck@20    a servo sticks after 20 s
-  heronry fly eav --act '5 collapse bus:radio for 60 level 10'    the radio keeps a tenth of its bit rate
-  heronry fly eav --runs 100 --jobs 0 --compiled       a campaign: the share of acceptable landings
-  heronry fly eav --live                               in real time, each PE a process
-  heronry fly eav --runs 100 --one-fault --json        each seed draws a PE, the radio or a servo that fails
-  heronry fly eav --report landing.html                one landing, with its pictures
-  heronry fly eav --corrections-lost never --height-bias 4 --runs 60    up to which error of height it can land
-  heronry fly big_blue --report flight.html            from the ground to the ground (two hours; takes a while)
-  heronry fly big_blue --phase glide --kill pe:nav@60  released at 2 km; a PE dies after a minute
-"""
-
-
-def add_parsers(subparsers: Any) -> None:
-    """Add the parser of `heronry fly`."""
-    parser = subparsers.add_parser(
-        "fly",
-        description="Let the avionics land an aircraft that a flight dynamics model simulates, in virtual time.",
-        epilog=_EPILOG,
-    )
-    parser.add_argument(
-        "spec",
-        metavar="SPEC",
-        help=f"a spec with the devices of the EAV or of BIG BLUE; shipped: {', '.join(FLOWN)}, big_blue",
-    )
-    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
-    parser.add_argument(
-        "--runs",
-        type=flights,
-        default=1,
-        metavar="N",
-        help="number of flights (default: 1); the first has the seed of --seed, each further one the next seed",
-    )
-    parser.add_argument(
-        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
-    )
-    parser.add_argument(
-        "--without-rover",
-        action="store_true",
-        help="eav: no rover stands beside the runway to watch the landing with its camera",
-    )
-    parser.add_argument(
-        "--must-land",
-        action="store_true",
-        help="eav: order the phase must_land as soon as the flight begins",
-    )
-    parser.add_argument(
-        "--corrections-lost",
-        default="2",
-        metavar="S",
-        help=f"eav: the differential receiver loses its corrections after S s; S may be '{_NEVER}' (default: 2)",
-    )
-    parser.add_argument(
-        "--height-bias",
-        type=float,
-        default=0.0,
-        metavar="M",
-        help="eav: add a constant error to the height of the differential receiver, drawn from -M to M metres; "
-        "no monitor finds this error",
-    )
-    parser.add_argument(
-        "--wind", type=float, metavar="M/S", help="strongest wind that is drawn, in m/s (default: EAV 7.7, BIG BLUE 5)"
-    )
-    parser.add_argument("--phase", choices=_PHASES, help="begin in this phase (big_blue only; default: on the ground)")
-    parser.add_argument(
-        "--kill",
-        action="append",
-        default=[],
-        metavar="ELEMENT@WHEN",
-        help="inject this fault (see below); may be repeated",
-    )
-    parser.add_argument(
-        "--act",
-        action="append",
-        default=[],
-        metavar="ACT",
-        help="inject this fault, written as for 'heronry sim --act'; its seconds count from the start of the flight; "
-        "may be repeated; with --live only faults of a bus",
-    )
-    parser.add_argument(
-        "--one-fault", action="store_true", help="inject one fault; the seed decides which one, and when"
-    )
-    parser.add_argument("--judged", action="store_true", help="check each flight by the oracles of 'heronry sim'")
-    parser.add_argument("--latency", action="store_true", help="measure the delay from sensor to servo, in still air")
-    parser.add_argument("--live", action="store_true", help="eav: fly in real time, with processes on software buses")
-    parser.add_argument("--record", type=Path, metavar="FILE", help="write the record as JSON; for one flight only")
-    parser.add_argument(
-        "--report", type=Path, metavar="FILE", help="write an HTML page with pictures: of the flight, or of all flights"
-    )
-    add_compiled_argument(parser)
-    add_output(parser, "write one JSON object per flight, and one for all")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -157,8 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
             expect_writable(file)
     if arguments.live:
         return _run_live(arguments)
-    go_on_compiled_if_asked(arguments)
-    from heronry_tools.fly.kinds import KINDS, aircraft_of  # noqa: PLC0415 - the simulator is slow to import
+    if arguments.compiled:
+        go_on_compiled(arguments.argv)
 
     spec = load_spec_file(arguments.spec)
     name = aircraft_of(spec)
@@ -183,11 +69,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run_live(arguments: argparse.Namespace) -> int:
     """Fly the seeds in real time, one after the other; returns the exit code."""
-    from heronry_tools.fly.acceptance import interval  # noqa: PLC0415
-    from heronry_tools.fly.campaign import latency_line, quantiles  # noqa: PLC0415
-    from heronry_tools.fly.kinds import aircraft_of  # noqa: PLC0415
-    from heronry_tools.fly.live.flight import fly_live  # noqa: PLC0415
-
     unfit = ("compiled", "judged", "must_land", "phase", "report")
     for name in unfit:
         if getattr(arguments, name):
@@ -230,10 +111,7 @@ def _live_line(end: dict[str, Any]) -> str:
     return f"seed {end['seed']}: {how}{where}{still}"
 
 
-def _flown(spec: "Spec", kind: "Kind", missions: Sequence[Any], arguments: argparse.Namespace) -> Iterator[Any]:
-    from heronry_tools.fly.report import flight_page  # noqa: PLC0415
-    from heronry_tools.sim.flight.campaign import fly_all  # noqa: PLC0415
-
+def _flown(spec: Spec, kind: Kind, missions: Sequence[Any], arguments: argparse.Namespace) -> Iterator[Any]:
     if len(missions) > 1 or (arguments.record is None and arguments.report is None):
         yield from fly_all(spec_path(arguments.spec), missions, arguments.jobs, kind.fly)
         return
@@ -245,13 +123,11 @@ def _flown(spec: "Spec", kind: "Kind", missions: Sequence[Any], arguments: argpa
     yield landing
 
 
-def _write_dispersion(file: Path, title: str, landings: Iterable["Dispersed"]) -> None:
-    from heronry_tools.fly.report import dispersion_page  # noqa: PLC0415
-
+def _write_dispersion(file: Path, title: str, landings: Iterable[Dispersed]) -> None:
     write_whole(file, dispersion_page(title, list(landings)).encode())
 
 
-def _missions(spec: "Spec", name: str, arguments: argparse.Namespace) -> Sequence[Any]:
+def _missions(spec: Spec, name: str, arguments: argparse.Namespace) -> Sequence[Any]:
     """Give the missions of all seeds; raises UserError for an option that the aircraft does not have."""
     if name == "big_blue":
         return _glider_missions(spec, arguments)
@@ -263,17 +139,13 @@ def _missions(spec: "Spec", name: str, arguments: argparse.Namespace) -> Sequenc
     return [drawn.of(spec, seed) for seed in range(arguments.seed, arguments.seed + arguments.runs)]
 
 
-def _glider_missions(spec: "Spec", arguments: argparse.Namespace) -> Sequence[Any]:
-    from heronry_tools.fly.glider_campaign import missions  # noqa: PLC0415
-    from heronry_tools.fly.glider_mission import STRONGEST_WIND_M_PER_S, GliderMission  # noqa: PLC0415
-    from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
-
+def _glider_missions(spec: Spec, arguments: argparse.Namespace) -> Sequence[Any]:
     if arguments.without_rover or arguments.must_land or arguments.height_bias:
         raise UserError("--without-rover, --must-land and --height-bias are for the EAV: leave them out for big_blue")
     first = GliderMission(
         seed=arguments.seed,
         start=arguments.phase or "ascent",
-        strongest_wind_m_per_s=_wind(arguments, STRONGEST_WIND_M_PER_S),
+        strongest_wind_m_per_s=_wind(arguments, glider_mission.STRONGEST_WIND_M_PER_S),
         blows=tuple(_blow(spec, text) for text in arguments.kill),
         acts=tuple(read_fault(spec, text) for text in arguments.act),
         judged=arguments.judged,
@@ -288,15 +160,11 @@ def _wind(arguments: argparse.Namespace, default: float) -> float:
     return wind
 
 
-def _drawn(spec: "Spec", arguments: argparse.Namespace) -> "Drawn":
-    from heronry_tools.fly.campaign import Drawn  # noqa: PLC0415
-    from heronry_tools.fly.mission import STRONGEST_WIND_M_PER_S, Mission  # noqa: PLC0415
-    from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
-
-    lost = None if arguments.corrections_lost == _NEVER else _number(arguments.corrections_lost, "--corrections-lost")
-    mission = Mission(
+def _drawn(spec: Spec, arguments: argparse.Namespace) -> Drawn:
+    lost = None if arguments.corrections_lost == NEVER else _number(arguments.corrections_lost, "--corrections-lost")
+    first = Mission(
         seed=arguments.seed,
-        strongest_wind_m_per_s=_wind(arguments, STRONGEST_WIND_M_PER_S),
+        strongest_wind_m_per_s=_wind(arguments, mission.STRONGEST_WIND_M_PER_S),
         corrections_lost_s=lost,
         has_rover=not arguments.without_rover,
         must_land=arguments.must_land,
@@ -306,12 +174,10 @@ def _drawn(spec: "Spec", arguments: argparse.Namespace) -> "Drawn":
         judged=arguments.judged,
         probed=arguments.latency,
     )
-    return Drawn(mission, arguments.one_fault)
+    return Drawn(first, arguments.one_fault)
 
 
-def _blow(spec: "Spec", text: str) -> "Blow":
-    from heronry_tools.fly.mission import Blow  # noqa: PLC0415
-
+def _blow(spec: Spec, text: str) -> Blow:
     what, _, when = text.rpartition("@")
     element, _, how = what.partition("=")
     kind, _, name = element.partition(":")

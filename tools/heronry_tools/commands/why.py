@@ -6,49 +6,17 @@ Exit codes: 0 with any answer; 2 the input cannot be used.
 import argparse
 import json
 import sys
-from typing import TYPE_CHECKING, Any
 
-from heronry_tools.console.output import add_output
-from heronry_tools.console.situation_arguments import add_situation, situation_of
-from heronry_tools.console.spec_argument import add_spec_argument, load_spec, named_function
-
-if TYPE_CHECKING:
-    from heronry_dg.model import Spec
-    from heronry_tools.analysis.why.assumptions import Assumption
-    from heronry_tools.analysis.why.reasons import Explanation, Repair
-
-_EPILOG = """\
-The reasons are irreducible: without any one of them the function could be served beside all the others. Repairs are the
-smallest ones: an element that comes back, or so much more of a capacity.
-
-examples:
-  heronry why elevator_and_chute elevator --down pe:tail_pe
-  heronry why big_blue experiment --phase landing
-  heronry why big_blue imaging --down pe:nav --down pe:payload --phase glide
-  heronry why big_blue guidance --down device:gps --phase glide --json
-  heronry why big_blue imaging --limit bus:radio=10%
-"""
-
-
-def add_parsers(subparsers: Any) -> None:
-    """Add the parser of `heronry why`."""
-    parser = subparsers.add_parser(
-        "why",
-        description="Tell why a function is not served, or is served only in a worse mode, and what the smallest "
-        "repair is.",
-        epilog=_EPILOG,
-    )
-    add_spec_argument(parser)
-    parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
-    add_situation(parser)
-    add_output(parser, "write the answer as JSON")
-    parser.set_defaults(run=run)
+from heronry_dg.model import Spec
+from heronry_tools.analysis.why.assumptions import Assumption, capacity, in_words
+from heronry_tools.analysis.why.document import document
+from heronry_tools.analysis.why.reasons import Explanation, Repair, explain
+from heronry_tools.console.plan_argument import situation_of
+from heronry_tools.console.spec_files import load_spec, named_function
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Explain how a function is served, or why not; returns the exit code."""
-    from heronry_tools.analysis.why.reasons import explain  # noqa: PLC0415 - slow to import
-
     spec = load_spec(arguments.spec)
     function = named_function(spec, arguments.function)
     now = situation_of(spec, arguments)
@@ -57,9 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _text(spec: "Spec", found: "Explanation") -> str:
-    from heronry_tools.analysis.why.assumptions import in_words  # noqa: PLC0415
-
+def _text(spec: Spec, found: Explanation) -> str:
     lines = [_headline(found)]
     if any(found.logical):
         sets = "; or ".join(" and ".join(sorted(down)) for down in found.logical)
@@ -76,7 +42,7 @@ def _text(spec: "Spec", found: "Explanation") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _headline(found: "Explanation") -> str:
+def _headline(found: Explanation) -> str:
     name, report = found.function.name, found.report
     where = f" in {found.now.phase}" if found.now.phase is not None else ""
     if not report.served:
@@ -89,16 +55,14 @@ def _headline(found: "Explanation") -> str:
     )
 
 
-def _repair(spec: "Spec", repair: "Repair") -> str:
+def _repair(spec: Spec, repair: Repair) -> str:
     parts = [f"{element} comes back" for element in repair.restore]
     parts += [f"{element} has its whole capacity again" for element in repair.whole]
     parts += [_more(spec, one, amount) for one, amount in repair.capacities]
     return ", and ".join(parts)
 
 
-def _more(spec: "Spec", one: "Assumption", amount: int) -> str:
-    from heronry_tools.analysis.why.assumptions import capacity  # noqa: PLC0415
-
+def _more(spec: Spec, one: Assumption, amount: int) -> str:
     more = amount - capacity(spec, one)
     match one.kind:
         case "cpu":
@@ -109,7 +73,5 @@ def _more(spec: "Spec", one: "Assumption", amount: int) -> str:
             return f"{more} bytes of {kind.replace('ram', 'RAM')} more on pe {one.name} ({amount} in all)"
 
 
-def _json(spec: "Spec", found: "Explanation") -> str:
-    from heronry_tools.analysis.why.document import document  # noqa: PLC0415
-
+def _json(spec: Spec, found: Explanation) -> str:
     return json.dumps(document(spec, found), indent=2, ensure_ascii=False) + "\n"

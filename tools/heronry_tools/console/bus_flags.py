@@ -1,5 +1,6 @@
 """Tells the user which kind of bus a command uses, and what this kind of bus does not model."""
 
+SOFTWARE_BUS = "can0"  # name of a software bus where the user gives none
 _MODELS = {
     "softbus": "a software bus: frame times, priority and load are exact; no bit errors, no bus-off",
     "vcan": "vcan: real frames that take no time; no load, no arbitration, no bit errors",

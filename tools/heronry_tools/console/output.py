@@ -142,12 +142,11 @@ def expect_ending(file: Path, forms: Forms) -> None:
     raise UserError(f"{file}: this command writes no {what}; {remedy}")
 
 
-def run_into_its_file(arguments: argparse.Namespace) -> int:
+def run_into_its_file(run: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
     """Run a command, and put what it prints into the file of -o; returns its exit code.
 
     Codes 0 and 1 are answers. With any other code, or an exception, nothing is written, and FILE stays as it was.
     """
-    run: Callable[[argparse.Namespace], int] = arguments.run
     file: Path | None = getattr(arguments, "report_file", None)
     if file is None or str(file) == "-":
         return run(arguments)

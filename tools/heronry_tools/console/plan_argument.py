@@ -1,29 +1,31 @@
-"""The PLAN of a command: a file or standard input, and the situation for which it was made."""
+"""The PLAN of a command, a file or standard input, and the situation that its options describe."""
 
 import argparse
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from heronry_dg.model import Spec
+from heronry_dg.plan import PlanError, read_situation
+from heronry_dg.situation import Situation, situation
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.situation_arguments import situation_of
-
-if TYPE_CHECKING:
-    from heronry_dg.model import Spec
-    from heronry_dg.situation import Situation
 
 
-def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
+def situation_of(spec: Spec, arguments: argparse.Namespace) -> Situation:
+    """Give the situation that the user describes by the options of `add_situation`.
+
+    Raises UnknownElementError as `situation` does.
+    """
+    return situation(spec, arguments.down or (), arguments.limit or (), arguments.phase, arguments.priority or ())
+
+
+def evaluated_in(spec: Spec, plan: str, arguments: argparse.Namespace) -> Situation:
     """Give the situation in which to evaluate a plan.
 
     This is the situation that the plan itself states. Each of the options --down, --limit, --phase and
     --priority that the user gives replaces the same part of it.
     """
-    from heronry_dg.plan import read_situation  # noqa: PLC0415
-    from heronry_dg.situation import Situation  # noqa: PLC0415
-
     said = situation_of(spec, arguments)
     planned = read_situation(plan, spec)
     return Situation(
@@ -37,8 +39,6 @@ def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Sit
 @contextmanager
 def errors_name(file: str | None) -> Iterator[None]:
     """Convert a PlanError to a UserError whose message begins with the file's name ("standard input" for `-`)."""
-    from heronry_dg.plan import PlanError  # noqa: PLC0415
-
     try:
         yield
     except PlanError as error:

@@ -1,11 +1,6 @@
 """The options by which a command gets its situation: what is down, what has less capacity, the phase, priorities."""
 
 import argparse
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from heronry_dg.model import Spec
-    from heronry_dg.situation import Situation
 
 
 def add_situation(parser: argparse.ArgumentParser) -> None:
@@ -34,13 +29,3 @@ def add_down(parser: argparse.ArgumentParser) -> None:
 def add_phase(parser: argparse.ArgumentParser) -> None:
     """Add --phase."""
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
-
-
-def situation_of(spec: "Spec", arguments: argparse.Namespace) -> "Situation":
-    """Give the situation that the user describes by the options of `add_situation`.
-
-    Raises UnknownElementError as `situation` does.
-    """
-    from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import; `--help` does not need it
-
-    return situation(spec, arguments.down or (), arguments.limit or (), arguments.phase, arguments.priority or ())

@@ -81,9 +81,9 @@ def _print_rich(headline: str, tables: Sequence[Table]) -> bool:
     """Print with rich; returns False where rich is not installed."""
     try:
         from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - an extra
-        from rich.console import Console  # noqa: PLC0415
-        from rich.table import Table as RichTable  # noqa: PLC0415
-        from rich.text import Text  # noqa: PLC0415
+        from rich.console import Console  # noqa: PLC0415 - as above
+        from rich.table import Table as RichTable  # noqa: PLC0415 - as above
+        from rich.text import Text  # noqa: PLC0415 - as above
     except ImportError:
         return False
 

@@ -13,7 +13,8 @@ from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.doctor.asking import ask_tables, assess_tables
 from heronry_tools.runtime.doctor.computer import knows_can
-from heronry_tools.runtime.doctor.expected import Expected, expected_by_spec
+from heronry_tools.runtime.doctor.expected import Expected
+from heronry_tools.runtime.doctor.expected_by_spec import expected_by_spec
 from heronry_tools.runtime.doctor.interface import assess_interface
 from heronry_tools.runtime.doctor.listening import (
     BusNamed,

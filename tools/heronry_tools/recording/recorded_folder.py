@@ -22,7 +22,7 @@ from heronry_dg.model import Spec
 from heronry_manager.events import Event
 from heronry_manager.events.reading import events_in
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_wire.frame import LoggedFrame, Malformed, parse_log_line
 
 FORMAT = 1

@@ -41,7 +41,7 @@ def _printer() -> Callable[[Line], None]:
     if not sys.stdout.isatty() or find_spec("rich") is None:
         return lambda line: print(line.text, flush=True)
     from rich.console import Console  # noqa: PLC0415 - an extra, and only where there is a terminal
-    from rich.text import Text  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415 - as above
 
     console = Console(highlight=False)
     return lambda line: console.print(Text(line.text, _STYLES[line.tone]), soft_wrap=True)

@@ -28,9 +28,10 @@ from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.driver import FILTERS, ManagerDriver
 from heronry_manager.shell.journal import Journal
 from heronry_manager.shell.planner_processes import PlannerProcesses
-from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
+from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.console.bus_flags import what_it_models
-from heronry_tools.console.spec_argument import load_spec_file, spec_path
+from heronry_tools.console.contingencies_argument import Ahead
+from heronry_tools.console.spec_files import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event, surviving
 from heronry_tools.reports.screen import screen
 from heronry_tools.runtime.wake_ups import with_heartbeat

@@ -2,16 +2,13 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from heronry_dg.model import Spec
-    from heronry_manager.contingency.contingencies import Contingencies
+from heronry_dg.model import Spec
+from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.core.tables import Compiler, loaded, on_board
 
 
-def write_tables(
-    spec: "Spec", pes: Iterable[str], folder: Path, made: "Contingencies | None" = None
-) -> dict[str, Path]:
+def write_tables(spec: Spec, pes: Iterable[str], folder: Path, made: Contingencies | None = None) -> dict[str, Path]:
     """Write one table per PE into a folder, which is made if needed; returns the path of each PE's file.
 
     made: the contingencies; each table gets as many of them as the PE has room for. None: no contingencies.
@@ -24,13 +21,11 @@ def write_tables(
     return files
 
 
-def table_texts(spec: "Spec", pes: Iterable[str], made: "Contingencies | None") -> dict[str, str]:
+def table_texts(spec: Spec, pes: Iterable[str], made: Contingencies | None) -> dict[str, str]:
     """Compile the tables of these PEs, and return the text of each table by PE.
 
     made: the contingencies; each table gets as many of them as the PE has room for. None: no contingencies.
     """
-    from heronry_manager.core.tables import Compiler, loaded, on_board  # noqa: PLC0415 - loads pydantic
-
     compiler = Compiler(spec)
     tables = {pe: compiler.table(pe) for pe in pes}
     if made is not None:

@@ -17,7 +17,7 @@ from heronry_manager.events import Event, Feed, ManagerStarted
 from heronry_manager.events.reading import events_in
 from heronry_tools.analysis.made_ahead import kept_contingencies
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.recording.another_spec import of_another_spec
 from heronry_tools.recording.masterships import RecordedMastership, masterships, on_the_managers_bus, read_recording
 from heronry_tools.recording.proven import is_tagged, proven
@@ -65,7 +65,7 @@ def _flown(path: Path) -> Recording:
     The recording has all frames, the events of the managers, and the events that the frames show.
     """
     from heronry_tools.sim.scenario.in_simulator import fly  # noqa: PLC0415 - needs the solver
-    from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
+    from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415 - as above
 
     script, frames, flights = read_script(path), list[LoggedFrame](), list[Any]()
 
@@ -158,8 +158,8 @@ def _why(spec: Spec, found: Sequence[RecordedMastership]) -> list[Event] | None:
         return None
     try:
         from heronry_tools.sim.replay.comparison import compared  # noqa: PLC0415 - needs the solver
-        from heronry_tools.sim.replay.rerun import Planners, Rerun  # noqa: PLC0415
-        from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415
+        from heronry_tools.sim.replay.rerun import Planners, Rerun  # noqa: PLC0415 - as above
+        from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415 - as above
     except ModuleNotFoundError:
         return None
     planners = Planners(spec, prepared_with(spec, kept_contingencies(spec)))

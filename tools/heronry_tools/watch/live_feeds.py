@@ -23,7 +23,7 @@ from heronry_manager.events.reading import events_in, read_event
 from heronry_manager.shell.control_client import follow
 from heronry_manager.shell.control_place import ControlError
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.console.spec_files import load_spec
 from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.watch.listening import Listening

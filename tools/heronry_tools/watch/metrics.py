@@ -7,12 +7,12 @@ are 0 when the feed begins.
 """
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
+
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from heronry_tools.watch.snapshot import Bus, Function, Pe, Snapshot, Standing
-
-if TYPE_CHECKING:
-    from prometheus_client.core import Metric
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
@@ -21,9 +21,7 @@ _TIMES = ("detect", "decide", "distribute", "activate")
 
 
 def exposition(snapshot: Snapshot) -> bytes:
-    """Give the page that Prometheus scrapes; raises ModuleNotFoundError where the extra `export` is not installed."""
-    from prometheus_client import CollectorRegistry, generate_latest  # noqa: PLC0415 - an extra
-
+    """Give the page that Prometheus scrapes."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(_Once(snapshot))
     return bytes(generate_latest(registry))
@@ -35,7 +33,7 @@ class _Once:
     def __init__(self, snapshot: Snapshot) -> None:
         self._snapshot = snapshot
 
-    def collect(self) -> Iterator["Metric"]:
+    def collect(self) -> Iterator[Metric]:
         """Yield every metric of the snapshot."""
         view = self._snapshot
         yield from _system(view)
@@ -45,9 +43,7 @@ class _Once:
         yield from _reconfigurations(view)
 
 
-def _gauge(name: str, text: str, labels: tuple[str, ...], samples: Iterable[tuple[tuple[str, ...], Any]]) -> "Metric":
-    from prometheus_client.core import GaugeMetricFamily  # noqa: PLC0415 - an extra
-
+def _gauge(name: str, text: str, labels: tuple[str, ...], samples: Iterable[tuple[tuple[str, ...], Any]]) -> Metric:
     family = GaugeMetricFamily(f"heronry_{name}", text, labels=labels)
     for values, sample in samples:
         if sample is not None:
@@ -55,16 +51,14 @@ def _gauge(name: str, text: str, labels: tuple[str, ...], samples: Iterable[tupl
     return family
 
 
-def _counter(name: str, text: str, labels: tuple[str, ...], samples: Iterable[tuple[tuple[str, ...], Any]]) -> "Metric":
-    from prometheus_client.core import CounterMetricFamily  # noqa: PLC0415 - an extra
-
+def _counter(name: str, text: str, labels: tuple[str, ...], samples: Iterable[tuple[tuple[str, ...], Any]]) -> Metric:
     family = CounterMetricFamily(f"heronry_{name}", text, labels=labels)
     for values, sample in samples:
         family.add_metric(values, float(sample))
     return family
 
 
-def _system(view: Snapshot) -> Iterator["Metric"]:
+def _system(view: Snapshot) -> Iterator[Metric]:
     names = ("spec", "spec_digest", "phase", "stage", "manager_state")
     values = (view.spec, view.spec_digest, view.phase or "", view.stage, view.manager.state or "")
     yield _gauge("info", "Spec, phase and stage, as labels.", names, [(values, 1)])
@@ -82,7 +76,7 @@ def _system(view: Snapshot) -> Iterator["Metric"]:
     yield _gauge("control_loop_closed", "Whether the control loop through a plant is closed.", ("plant",), plants)
 
 
-def _pes(view: Snapshot) -> Iterator["Metric"]:
+def _pes(view: Snapshot) -> Iterator[Metric]:
     pes = view.pes.items()
     yield _gauge(
         "pe_standing",
@@ -104,7 +98,7 @@ def _pes(view: Snapshot) -> Iterator["Metric"]:
     yield _counter("pe_standstills", "Long standstills of a PE.", ("pe",), (((n,), pe.stood_still) for n, pe in pes))
 
 
-def _buses(view: Snapshot) -> Iterator["Metric"]:
+def _buses(view: Snapshot) -> Iterator[Metric]:
     buses = view.buses.items()
     loads: tuple[tuple[str, str, Any], ...] = (
         ("bus_load_ratio", "Share of the bit rate used in the last second.", lambda bus: bus.load),
@@ -124,7 +118,7 @@ def _buses(view: Snapshot) -> Iterator["Metric"]:
     yield _gauge("link_usable_ratio", "Usable share of the bandwidth of a radio.", ("bus",), links)
 
 
-def _functions(view: Snapshot) -> Iterator["Metric"]:
+def _functions(view: Snapshot) -> Iterator[Metric]:
     functions = view.functions.items()
     facts: tuple[tuple[str, str, Any], ...] = (
         ("function_wanted", "Whether a function is wanted in this phase.", lambda one: one.wanted),
@@ -144,7 +138,7 @@ def _functions(view: Snapshot) -> Iterator["Metric"]:
     yield _counter("module_restarts", "Restarts of a module that its PE has reported.", ("module",), restarts)
 
 
-def _reconfigurations(view: Snapshot) -> Iterator["Metric"]:
+def _reconfigurations(view: Snapshot) -> Iterator[Metric]:
     last = view.reconfigurations[-1] if view.reconfigurations else None
     done = 0 if last is None else last.number
     yield _counter("reconfigurations", "Reconfigurations that are done.", (), [((), done)])

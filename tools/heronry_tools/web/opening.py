@@ -16,10 +16,13 @@ from pathlib import Path
 
 from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.manager_argument import manager_socket
-from heronry_tools.console.spec_argument import load_spec_file, spec_path
+from heronry_tools.console.manager_calls import manager_socket
+from heronry_tools.console.spec_files import load_spec_file, spec_path
+from heronry_tools.recording.recorded_folder import head_of
+from heronry_tools.sim.scenario.script import read_script
 from heronry_tools.sources.opened import opened_source
 from heronry_tools.watch.live_feeds import FollowedManager
+from heronry_tools.watch.recording import Recording as Recorded
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.app import Site
 from heronry_tools.web.following import OpenFeed, read_in_thread
@@ -79,7 +82,6 @@ def serve_what(arguments: argparse.Namespace) -> None:
 def _opened(arguments: argparse.Namespace) -> Opened:
     if arguments.demo_orders is not None:  # the manager of this demo starts later
         return _demo(arguments)
-    from heronry_tools.watch.recording import Recording as Recorded  # noqa: PLC0415 - a demo starts sooner without
 
     source = opened_source(arguments)
     if isinstance(source, Recorded):
@@ -100,9 +102,6 @@ def _demo(arguments: argparse.Namespace) -> Opened:
 
 def _spec_file(arguments: argparse.Namespace) -> Path:
     """Give the file of a recording's spec, which the planner's process loads."""
-    from heronry_tools.recording.recorded_folder import head_of  # noqa: PLC0415 - a demo starts sooner without
-    from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
-
     if arguments.spec is not None:
         return spec_path(arguments.spec)
     if arguments.log.suffix == ".scenario":

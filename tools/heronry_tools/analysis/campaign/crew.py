@@ -65,7 +65,7 @@ def _solved(planner: "Planner", task: Task, down: FaultSet) -> Outcome:
     found = planner.plan(now, task.running)
     violations = verify(task.spec, now, found.configuration)
     if violations:
-        from heronry_manager.planner.deadlines import PlannerDefectError  # noqa: PLC0415
+        from heronry_manager.planner.deadlines import PlannerDefectError  # noqa: PLC0415 - as above
 
         lost = ", ".join(sorted(down)) or "nothing"
         raise PlannerDefectError(f"the plan that was made with {lost} down is not legal: {violations[0]}")

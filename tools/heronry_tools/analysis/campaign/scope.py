@@ -2,52 +2,23 @@
 
 import argparse
 import os
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from heronry_dg.model import Spec
+from heronry_dg.situation import elements, situation
+from heronry_manager.planner.sweep import Scope
 from heronry_tools.console.errors import UserError
-
-if TYPE_CHECKING:
-    from heronry_dg.model import Spec
-    from heronry_manager.planner.sweep import Scope
+from heronry_tools.console.scope_arguments import KINDS
 
 MOST_SETS: Final = 10_000_000  # a day or two of planning
-KINDS: Final = ("pe", "device", "module", "bus", "channel")
 
 
-def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options --faults, --phase, --kinds, --jobs and --scheduler to a parser."""
-    parser.add_argument(
-        "--faults",
-        metavar="N",
-        type=int,
-        help="plan for up to N faults at the same time (default: the spec's contingency.faults)",
-    )
-    parser.add_argument(
-        "--phase",
-        metavar="NAME",
-        action="append",
-        help="plan only for this phase; may be repeated (default: the spec's contingency.phases)",
-    )
-    parser.add_argument(
-        "--kinds",
-        metavar="KINDS",
-        help=f"let only these kinds of elements fail, for example pe,bus (default: {','.join(KINDS)})",
-    )
-    parser.add_argument("--jobs", metavar="N", type=int, help="how many processes plan (default: one for each CPU)")
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="plan on this scheduler's Dask cluster, not on this computer"
-    )
-
-
-def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = False) -> "Scope":
+def scope_of(spec: Spec, arguments: argparse.Namespace, *, places: bool = False) -> Scope:
     """Give the scope that the command line describes; raises UserError if the value of an option cannot be used.
 
     places: whether each place that the fault-free plan of a phase uses may fail, too. This has an effect only
         if modules are among the kinds of elements that may fail.
     """
-    from heronry_dg.situation import elements, situation  # noqa: PLC0415 - slow to import
-    from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
-
     faults = spec.contingency.faults if arguments.faults is None else arguments.faults
     if faults < 0:
         raise UserError(f"--faults {faults}: write how many faults may be present at the same time, 0 or more")
@@ -58,7 +29,7 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = Fals
     return feasible(Scope(named, faults, phases, places=places and "module" in kinds))
 
 
-def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
+def phases_of(spec: Spec) -> tuple[str | None, ...]:
     """Give the phases that are planned ahead: those that the spec's `contingency` names, by default all phases.
 
     (None,) for a spec without phases.
@@ -66,7 +37,7 @@ def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
     return spec.contingency.phases or tuple(spec.phases) or (None,)
 
 
-def feasible(scope: "Scope") -> "Scope":
+def feasible(scope: Scope) -> Scope:
     """Return the scope unchanged; raises UserError if it has more than MOST_SETS sets."""
     sets = scope.set_count() * len(scope.phases)
     if sets > MOST_SETS:

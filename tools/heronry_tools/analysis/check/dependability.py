@@ -14,7 +14,7 @@ If a spec has more sources than identifiers (DG505), nothing is planned, since t
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from itertools import combinations
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from heronry_dg.check.subject import Subject
 from heronry_dg.check.wire import lacks_identifiers
@@ -25,6 +25,7 @@ from heronry_dg.why_not import Feasibility, why_not
 from heronry_tools.analysis.check import dependability_rules as rules
 from heronry_tools.analysis.check.beyond_radio import check_beyond_radio
 from heronry_tools.analysis.check.homes import homes
+from heronry_tools.analysis.check.lost_plants import lost_plants
 from heronry_tools.analysis.check.redundancy import (
     INDEPENDENT_SOURCES,
     Alternatives,
@@ -32,10 +33,9 @@ from heronry_tools.analysis.check.redundancy import (
     independent,
     shared_pair,
 )
+from heronry_tools.analysis.check.single_faults import Loss, losses
 from heronry_tools.analysis.check.wanted import Phase, in_phases
-
-if TYPE_CHECKING:
-    from heronry_tools.analysis.check.single_faults import Loss
+from heronry_tools.analysis.servable import Planning
 
 _HIGH: Final = "AB"
 _LOW: Final = "CD"
@@ -58,10 +58,6 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 def _single_faults(subject: Subject, findings: Findings) -> None:
-    from heronry_tools.analysis.check.lost_plants import lost_plants  # noqa: PLC0415 - as below
-    from heronry_tools.analysis.check.single_faults import losses  # noqa: PLC0415
-    from heronry_tools.analysis.servable import Planning  # noqa: PLC0415 - loads the solver, which listing the rules does not need
-
     planning = Planning(subject.spec)
     feasibility = cache(partial(Feasibility, subject.spec))  # by phase
     for loss in lost_plants(planning):
@@ -74,7 +70,7 @@ def _single_faults(subject: Subject, findings: Findings) -> None:
                 _tell_loss(subject, findings, loss, lost, reason, high=high)
 
 
-def _tell_plants(subject: Subject, findings: Findings, loss: "Loss") -> None:
+def _tell_plants(subject: Subject, findings: Findings, loss: Loss) -> None:
     kind, _, name = loss.element.partition(":")
     plants = [
         f"'{plant}' ({subject.spec.plants[plant].criticality}{in_phases(subject.spec, at)})"
@@ -100,7 +96,7 @@ def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes:
     return {name: f"'{name}' ({'; '.join(each)})" for name, each in words.items()}
 
 
-def _reason(spec: Spec, feasibility: Callable[[Phase], Feasibility], loss: "Loss", function: str) -> str:
+def _reason(spec: Spec, feasibility: Callable[[Phase], Feasibility], loss: Loss, function: str) -> str:
     """Say why a function is lost with an element, in the first phase in which it is."""
     phase = loss.functions[function][0]
     left = feasibility(phase).in_situation(Situation(frozenset({loss.element}), phase=phase))
@@ -108,7 +104,7 @@ def _reason(spec: Spec, feasibility: Callable[[Phase], Feasibility], loss: "Loss
 
 
 def _tell_loss(
-    subject: Subject, findings: Findings, loss: "Loss", lost: Mapping[str, str], reason: str, *, high: bool
+    subject: Subject, findings: Findings, loss: Loss, lost: Mapping[str, str], reason: str, *, high: bool
 ) -> None:
     kind, _, name = loss.element.partition(":")
     sentence = f"the loss of {kind} '{name}' alone costs {listed(lost.values())}"

@@ -18,11 +18,12 @@ frames are unknown, and a spec with a bus that management fills (DG307), since n
 
 from collections.abc import Collection, Iterable, Mapping
 from math import ceil
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from heronry_dg.check.actuators import driver_conflicts
 from heronry_dg.check.subject import Subject
 from heronry_dg.check.wire import lacks_identifiers
+from heronry_dg.configuration import Configuration
 from heronry_dg.echo_rates import EchoRates, ReserveUse
 from heronry_dg.findings import Findings, listed
 from heronry_dg.model import Bus, Mode, Module, Pe, Spec
@@ -30,14 +31,14 @@ from heronry_dg.response_times import Late, ResponseTimes
 from heronry_dg.rules.graph import NEVER_HOLDS
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import Hop, hops
+from heronry_tools.analysis import servable
 from heronry_tools.analysis.check import resource_rules as rules
+from heronry_tools.analysis.check import unserved
+from heronry_tools.analysis.check.forced_traffic import forced_traffic
 from heronry_tools.analysis.check.homes import fits
 from heronry_tools.analysis.check.reach import check_reach
 from heronry_tools.analysis.check.wanted import Phase, critical_functions, in_phases, phases, wanted_functions
-
-if TYPE_CHECKING:
-    from heronry_dg.configuration import Configuration
-    from heronry_tools.analysis.servable import Planning
+from heronry_tools.analysis.servable import Planning
 
 _SHOWN: Final = 4
 
@@ -123,15 +124,11 @@ class _Serving:
     """Finds the functions that cannot be served with everything up, and reports the reason for each."""
 
     def __init__(self, subject: Subject, findings: Findings) -> None:
-        from heronry_tools.analysis import servable  # noqa: PLC0415 - loads the solver, which listing the rules does not need
-        from heronry_tools.analysis.check import unserved  # noqa: PLC0415
-
         self._subject, self._findings, self._spec = subject, findings, subject.spec
         self._phases = phases(self._spec)
         self._planning = servable.Planning(self._spec)
         self._undue = servable.Planning(servable.without_deadlines(self._spec))
         self._unlimited = servable.Planning(servable.without_limits(self._spec))
-        self._unserved = unserved
         named = {phase: wanted_functions(self._spec, phase) for phase in self._phases}
         reached = servable.Planning(unserved.with_reach(self._spec)).possible(_union(named.values()))
         self._wanted = {phase: names & reached for phase, names in named.items()}  # others are reported otherwise
@@ -147,7 +144,7 @@ class _Serving:
         that have rules of their own: first of each function alone, and then of the critical functions of each phase
         together. What is left, and what no way to a PE allows, gets its reason from the plans.
         """
-        if self._unserved.serves_everything(self._planning, self._wanted):
+        if unserved.serves_everything(self._planning, self._wanted):
             return
         possible = {phase: self._at(phase).possible(names) for phase, names in self._wanted.items()}
         critical = {phase: critical_functions(self._spec, phase) & names for phase, names in possible.items()}
@@ -157,9 +154,9 @@ class _Serving:
             if at and self._never_fits(name, at):
                 self._tell([name], at)
         self._each_phase({phase: names for phase, names in critical.items() if phase not in fitting})
-        self._unserved.check_unserved(self._subject, self._findings, self._planning, self._wanted, self._told)
+        unserved.check_unserved(self._subject, self._findings, self._planning, self._wanted, self._told)
 
-    def _at(self, phase: Phase) -> "Planning":
+    def _at(self, phase: Phase) -> Planning:
         return self._planning.in_phase(phase)
 
     def _fit(self, phase: Phase, names: frozenset[str]) -> bool:
@@ -186,7 +183,7 @@ class _Serving:
             if self._unlimited.in_phase(at[0]).all_at_once([name]).impossible:
                 return any(finding.code == NEVER_HOLDS.code for finding in self._findings)
             sentence = f"function '{name}' cannot be served with everything up, even if nothing else were wanted"
-            short = self._unserved.short_of(self._planning, at[0], name)
+            short = unserved.short_of(self._planning, at[0], name)
             hint = "its modules fit alone, but not together: check the PEs, buses and placement rules that they need"
             self._findings.add(rules.NEVER_FITS, self._subject.place("functions", name), sentence + short, hint)
         return True
@@ -221,14 +218,12 @@ class _Serving:
         sentence = (
             f"function '{name}' (class {classes}) finds no room beside the other critical ones{when}, "
             "with everything up"
-        ) + self._unserved.short_of(self._planning, at[0], name)
+        ) + unserved.short_of(self._planning, at[0], name)
         hint = "give the PEs more room, or let modules need less; `heronry plan` shows which modules take the room"
         self._findings.add(rules.CRITICAL_DO_NOT_FIT, self._subject.place("functions", name), sentence, hint)
 
     def _overloads(self, functions: Collection[str], at: list[Phase]) -> bool:
         """Report the buses that cannot carry the data which these functions need; True if there is such a bus."""
-        from heronry_tools.analysis.check.forced_traffic import forced_traffic  # noqa: PLC0415 - loads the planner's candidates
-
         possible = self._at(at[0]).candidates_for(functions)
         forced = forced_traffic(possible)
         overloaded = list(forced.overloaded(possible.left.bus_mbit_per_s))
@@ -244,7 +239,7 @@ class _Serving:
             self._findings.add(rules.BUS_OVERLOADED, self._subject.place("buses", bus), sentence, hint)
         return bool(overloaded)
 
-    def _tell_late(self, configuration: "Configuration", served: str) -> None:
+    def _tell_late(self, configuration: Configuration, served: str) -> None:
         """Report each datum that would be late if `configuration` ran with everything up.
 
         served: the functions that cannot be served because of these late data, as a part of a sentence.

@@ -23,6 +23,8 @@ from heronry_manager.planner.explain import explained
 from heronry_tools.analysis.check import resource_rules as rules
 from heronry_tools.analysis.check.wanted import Phase, in_phases
 from heronry_tools.analysis.servable import Planning
+from heronry_tools.analysis.why.assumptions import in_words
+from heronry_tools.analysis.why.reasons import reasons
 from heronry_tools.console.errors import UserError
 
 Wanted = Mapping[Phase, frozenset[str]]
@@ -97,9 +99,6 @@ def short_of(planning: Planning, phase: Phase, name: str) -> str:
 
     A large spec gets no such search, which asks the planner once for each PE, bus and function.
     """
-    from heronry_tools.analysis.why.assumptions import in_words  # noqa: PLC0415 - `why` asks questions of this folder
-    from heronry_tools.analysis.why.reasons import reasons  # noqa: PLC0415
-
     spec = planning.spec
     if len(spec.modules) > _FEW_MODULES:
         return ""

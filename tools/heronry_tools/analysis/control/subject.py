@@ -17,7 +17,8 @@ from heronry_pcs.plan_graph import managers_side, plan_graph
 from heronry_pcs.shipped import shipped_graph_names, shipped_graph_path
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.plan_argument import errors_name, read_text
-from heronry_tools.console.spec_argument import FLOWN, SHIPPED, load_spec
+from heronry_tools.console.spec_argument import FLOWN, SHIPPED
+from heronry_tools.console.spec_files import load_spec
 
 CRITICAL: Final = ("A", "B")  # classes of plants that a plan has to keep on a path
 

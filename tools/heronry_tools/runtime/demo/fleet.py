@@ -34,7 +34,7 @@ from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_place import ControlError, default_socket
 from heronry_manager.shell.control_protocol import Spoken
-from heronry_tools.analysis.made_ahead import Ahead
+from heronry_tools.console.contingencies_argument import Ahead
 from heronry_tools.console.errors import UserError
 from heronry_tools.reports.story import RUNS_KEPT
 from heronry_tools.runtime.demo.buses import BusChoice

@@ -25,8 +25,9 @@ from pathlib import Path
 
 from heronry_dg.model import Spec
 from heronry_manager.events import Event, PeAnswered, PeLost, PeSuspected
-from heronry_tools.analysis.made_ahead import Ahead, contingencies_of, found_so_far, kept_contingencies, questions
-from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.analysis.made_ahead import contingencies_of, found_so_far, kept_contingencies, questions
+from heronry_tools.console.contingencies_argument import Ahead
+from heronry_tools.console.spec_files import load_spec
 from heronry_wire.parent_death import die_with
 
 _NICENESS = 5  # a third of the share of a process with nice value 0, a tenth of that of a node with NODE_PRIORITY

@@ -13,13 +13,14 @@ from heronry_dg.model import Spec
 from heronry_manager import events
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.shell.ordered_telling import Tell
-from heronry_tools.analysis.made_ahead import Ahead, Source, can_plan_ahead, contingencies_of, kept_contingencies
+from heronry_tools.analysis.made_ahead import can_plan_ahead, contingencies_of, kept_contingencies
+from heronry_tools.console.contingencies_argument import Ahead, Source
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.flight_limits import DEMO_S, LONGEST_DEMO_S
 from heronry_tools.console.output import expect_ending
-from heronry_tools.console.spec_argument import load_spec_file, spec_path
+from heronry_tools.console.spec_files import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event
 from heronry_tools.reports.screen import screen
-from heronry_tools.runtime.demo import DEFAULT_SECONDS, LONGEST_SECONDS
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import NODE_PRIORITY, Fleet, run_folder
 from heronry_tools.runtime.demo.manager_name import manager_name
@@ -48,8 +49,8 @@ def play(arguments: argparse.Namespace) -> int:
     spec = load_spec_file(arguments.spec)
     actions: list[DemoAction | PhaseAction] = [*read_script(spec, arguments.kill, arguments.restore)]
     actions = sorted([*actions, *read_phases(spec, arguments.phase)], key=lambda action: action.at_s)
-    last_s = actions[-1].at_s + _AFTER_LAST_ACTION_S if actions else DEFAULT_SECONDS
-    usual = LONGEST_SECONDS if arguments.web else max(DEFAULT_SECONDS, last_s)
+    last_s = actions[-1].at_s + _AFTER_LAST_ACTION_S if actions else DEMO_S
+    usual = LONGEST_DEMO_S if arguments.web else max(DEMO_S, last_s)
     seconds = arguments.seconds if arguments.seconds is not None else usual
     if actions and actions[-1].at_s > seconds:
         raise UserError(

@@ -49,7 +49,7 @@ def ask_tables(bus: "can.BusABC", nodes: Iterable[int]) -> Answers | None:
         return {}
     try:
         import canopen  # noqa: PLC0415 - slow to import
-        from canopen.sdo.exceptions import SdoError  # noqa: PLC0415
+        from canopen.sdo.exceptions import SdoError  # noqa: PLC0415 - as above
     except ModuleNotFoundError:
         return None
     told: dict[int, ToldTable | None] = dict.fromkeys(asked)

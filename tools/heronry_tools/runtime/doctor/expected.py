@@ -1,4 +1,4 @@
-"""What should be on one bus, as a spec or the table of a PE describes it."""
+"""What should be on one bus, as the table of a PE describes it; `expected_by_spec` has what a spec says of it."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,7 +8,7 @@ from heronry_wire.pe_table import PeTable
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
 
 if TYPE_CHECKING:
-    from heronry_dg.model import Foreign, Spec
+    from heronry_dg.model import Foreign
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,30 +49,4 @@ def expected_by_table(file: Path) -> Expected:
         port.channels,
         port.heartbeat_ns,
         port.wireless,
-    )
-
-
-def expected_by_spec(spec: "Spec", bus_name: str) -> Expected:
-    """Give what a spec says about one of its buses."""
-    from heronry_dg.check.wire import lacks_identifiers  # noqa: PLC0415 - a small install lacks pydantic
-    from heronry_dg.echo_rates import EchoRates  # noqa: PLC0415
-    from heronry_dg.own_identifiers import own_identifiers  # noqa: PLC0415
-    from heronry_manager.core.topology import uplink_bus  # noqa: PLC0415
-
-    bus, rates = spec.buses[bus_name], EchoRates(spec)
-    here = [pe for pe in spec.pes.values() if rates.carries(bus_name, pe.name)]
-    uplinks = {pe.node_id: uplink_bus(spec, pe.name) for pe in here}
-    return Expected(
-        spec.name,
-        spec.digest,
-        bus.bitrate,
-        {pe.node_id: pe.name for pe in here},
-        bus.channels,
-        bus.heartbeat_ns,
-        bus.kind == "wireless",
-        own=None if lacks_identifiers(spec) else frozenset(own_identifiers(spec)[bus_name]),
-        foreign=bus.foreign,
-        asked=frozenset(node for node, uplink in uplinks.items() if uplink == bus_name),
-        periods_ns={node: max(bus.heartbeat_ns, spec.buses[uplink].heartbeat_ns) for node, uplink in uplinks.items()},
-        most_load=float(bus.max_load),
     )

@@ -24,9 +24,10 @@ import socket
 import struct
 from contextlib import ExitStack, suppress
 
+from heronry_tools.console.bus_flags import SOFTWARE_BUS
 from heronry_tools.runtime.softbus.batches import Batches
 from heronry_tools.runtime.softbus.link import Link, deadline_after, read_record
-from heronry_tools.runtime.softbus.place import DEFAULT_NAME, BusNameError, how_to_start, path_to_call
+from heronry_tools.runtime.softbus.place import BusNameError, how_to_start, path_to_call
 from heronry_tools.runtime.softbus.protocol import (
     PROTOCOL_VERSION,
     RECORD_BYTES,
@@ -61,7 +62,7 @@ class SoftBus(can.BusABC):
     ) -> None:
         if not channel:
             raise can.CanInitializationError(
-                f"softbus needs a channel, for example -c {DEFAULT_NAME}: the name of a bus, or a path"
+                f"softbus needs a channel, for example -c {SOFTWARE_BUS}: the name of a bus, or a path"
             )
         if fd:
             reason = f"{channel}: a software bus carries classical CAN, not CAN FD; leave fd out"

@@ -13,7 +13,6 @@ from pathlib import Path
 from heronry_wire.errors import HeronryError
 from heronry_wire.runtime_folder import RuntimeFolderError, owned_folder, runtime_folder, trusted_folder
 
-DEFAULT_NAME = "can0"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}", re.ASCII)
 _SUFFIX = ".bus"
 

@@ -60,8 +60,8 @@ from heronry_dg.situation import (
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, ReleaseTarget, SetPriority
 from heronry_manager.shell.control_protocol import FlyScript
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.spec_argument import load_spec_file, named_function, spec_path
-from heronry_tools.sim.faults.bounds import LONGEST_S, read_share
+from heronry_tools.console.flight_limits import LONGEST_S, read_share
+from heronry_tools.console.spec_files import load_spec_file, named_function, spec_path
 from heronry_tools.sim.faults.fault import KINDS, MANAGERS, Fault, is_one_of_two, read_fault
 from heronry_wire.spelling import meant
 

@@ -11,6 +11,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from mcap.writer import Writer
+
 from heronry_manager.events.line import to_object
 from heronry_tools.watch.export.signals import Series, listed_events, signals_of
 from heronry_tools.watch.recording import Recording
@@ -38,8 +40,6 @@ def write_mcap(recording: Recording, reconfigurations: tuple[Reconfiguration, ..
 
     reconfigurations: all reconfigurations of the recording.
     """
-    from mcap.writer import Writer  # noqa: PLC0415 - an extra
-
     with file.open("wb") as stream:
         writer: Any = Writer(stream)  # in part without types
         writer.start(profile="", library=f"heronry {program_version()}")

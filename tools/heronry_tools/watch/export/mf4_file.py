@@ -28,8 +28,8 @@ def write_mf4(recording: Recording, reconfigurations: tuple[Reconfiguration, ...
 
     reconfigurations: those of the whole recording.
     """
-    import numpy as np  # noqa: PLC0415 - an extra
-    from asammdf import MDF, Signal  # noqa: PLC0415
+    import numpy as np  # noqa: PLC0415 - slow to import, and MCAP needs none
+    from asammdf import MDF, Signal  # noqa: PLC0415 - as above
 
     begins_ns = recording.timeline().begins_ns
     with MDF(version="4.10") as mdf:

@@ -11,6 +11,7 @@ import argparse
 from pathlib import Path
 
 from heronry_tools.console.manager_argument import add_manager_argument
+from heronry_wire.bus_arguments import add_bus_arguments
 
 EXAMPLES = """\
   heronry {command}                                   the manager on this computer, or of the demo beside this
@@ -25,8 +26,6 @@ def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = Fal
 
     is_live: leave out the arguments for a recording.
     """
-    from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
-
     parser.add_argument(
         "spec",
         metavar="SPEC",

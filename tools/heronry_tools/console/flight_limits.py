@@ -1,4 +1,4 @@
-"""Limits for options and scenario files: the longest flight, and the largest share of destroyed frames.
+"""Limits for options and scenario files: the longest flight, the largest share of destroyed frames, how long a demo is.
 
 A flight of more than a day takes too long to be of use. A bus on which more than half of all frames are destroyed
 carries too few frames for a flight to show anything.
@@ -7,6 +7,8 @@ carries too few frames for a flight to show anything.
 from decimal import Decimal
 
 LONGEST_S = 86_400
+DEMO_S = 15.0
+LONGEST_DEMO_S = 1_000_000.0  # a demo with a page goes on until it is interrupted
 _WORST_SHARE = 0.5
 
 
