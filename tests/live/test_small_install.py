@@ -137,7 +137,13 @@ def test_an_agent_without_devices_and_with_images_of_its_own_loads_no_simulation
     own = tuple(replace(module, device=None, image="agent.modules_for_host:Steady") for module in table.modules)
     (tmp_path / "own.table").write_text(replace(table, modules=own).to_json())
     modules = (*EXTRAS, "heronry_dg", "heronry_manager")
-    rooms = ("heronry_tools.aircraft", "heronry_tools.sim", "heronry_tools.analysis", "heronry_tools.commands")
+    rooms = (
+        "heronry_tools.aircraft",
+        "heronry_tools.sim",
+        "heronry_tools.analysis",
+        "heronry_tools.commands",
+        "heronry_tools.command_lines",
+    )
     found_first = (str(ROOT / "tests"), os.environ.get("PYTHONPATH", ""))
     bare = environment(tmp_path, _WITHOUT.format(modules=modules, rooms=rooms), *found_first)
     with agent_on_a_bus(tmp_path, bare, tmp_path / "own.table"):
@@ -289,7 +295,7 @@ def test_an_extra_installs_what_its_documentation_uses(tmp_path: Path, extra: st
 def test_what_needs_the_watch_extra_says_how_to_get_it(small: dict[str, str]) -> None:
     done = run("-m", "heronry_tools", "dbc", env=small)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == 'heronry: cantools is not installed; add it with: pip install "heronry[watch]"\n'
+    assert done.stderr == 'heronry: yaml is not installed; add it with: pip install "heronry[watch]"\n'
 
 
 # The wheel

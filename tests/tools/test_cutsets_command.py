@@ -26,6 +26,7 @@ from heronry_tools.analysis.reliability.mission import Reliability
 from heronry_tools.analysis.reliability.resource_sets import Servable
 from heronry_tools.analysis.servable import Answer, Planning, without_deadlines
 from heronry_tools.cli import main
+from heronry_tools.commands import cutsets as cutsets_command
 from lab.cut_set_enumeration import main as compare_with_enumeration
 from lab.cut_set_enumeration import shipped
 from planner.comparison import crossing_case
@@ -152,7 +153,7 @@ def test_a_set_that_is_logical_is_listed_once(
     def search(_: Spec, function: str, scope: Scope, logic: Reliability, **__: object) -> CutSets:
         return CutSets(function, scope.faults, logic, found)
 
-    monkeypatch.setattr(cut_sets_module, "cut_sets", search)
+    monkeypatch.setattr(cutsets_command, "cut_sets", search)
     out = run(capsys, "big_blue", "elevator", "--order", "1")
     assert out.count("  bus:can0\n") == 1
     assert says in out

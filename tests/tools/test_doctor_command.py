@@ -14,9 +14,9 @@ from can.broadcastmanager import ThreadBasedCyclicSendTask
 from heronry_dg.loader import load
 from heronry_dg.model import Foreign
 from heronry_tools.cli import main
+from heronry_tools.commands import doctor as doctor_command
 from heronry_tools.commands.doctor import _listen
 from heronry_tools.reports.findings import Finding
-from heronry_tools.runtime import wake_ups
 from heronry_tools.runtime.doctor import computer
 from heronry_tools.runtime.doctor.asking import ToldTable, assess_tables
 from heronry_tools.runtime.doctor.computer import assess_computer, assess_date, assess_disk, assess_wake_ups
@@ -69,7 +69,7 @@ def wrong(findings: Iterator[Finding]) -> dict[str, str]:
 
 @pytest.fixture(autouse=True)
 def _a_computer_that_is_never_late(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wake_ups, "latest_wake_up_ns", lambda *_: 1_000_000)
+    monkeypatch.setattr(doctor_command, "latest_wake_up_ns", lambda *_: 1_000_000)
 
 
 # The computer

@@ -9,7 +9,7 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_tools.cli import main
-from heronry_tools.sim.flight import exhaustive
+from heronry_tools.commands import exhaust as exhaust_command
 from heronry_tools.sim.flight.exhaustive import KINDS, PLAIN, Setup, begin, single_cases, stories
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
@@ -121,9 +121,8 @@ def test_faults_and_orders_are_flown(file: Path, cases: list[str], capsys: pytes
 
 
 def test_what_there_is_can_be_counted(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    of_a_story = exhaustive.single_cases
-    known = cache(lambda story: of_a_story(load(PHASES), story))  # flown once for both forms
-    monkeypatch.setattr(exhaustive, "single_cases", lambda _, story, _setup=PLAIN: known(story))
+    known = cache(lambda story: single_cases(load(PHASES), story))  # flown once for both forms
+    monkeypatch.setattr(exhaust_command, "single_cases", lambda _, story, _setup=PLAIN: known(story))
     assert main(["exhaust", str(PHASES), "--count"]) == 0
     *counts, whole = capsys.readouterr().out.splitlines()
     assert [line.split(maxsplit=1)[1] for line in counts] == stories(load(PHASES))
