@@ -22,6 +22,7 @@ from heronry_manager.planner.exact import plan
 from heronry_wire.configuration_slice import Slice, decode_slice
 from heronry_wire.management import SLICE_BYTES_PER_FRAME
 from heronry_wire.pe_table import PeTable
+from manager.one_manager import SPEC_TEXT, two_tails
 from planner.comparison import crossing_case
 from planner.enumerator import Enumerator
 from planner.random_specs import Case, random_case
@@ -377,3 +378,19 @@ def test_the_ends_of_a_demux_are_exclusive_as_its_branches_are() -> None:
     tables = map(Compiler(spec).table, spec.pes)
     exclusive = {module.name for table in tables for module in table.modules if module.demux}
     assert exclusive == {f"{kind}_{n}" for kind in ("elevator_limiter", "limited_servo") for n in (1, 2, 3)}
+
+
+def test_what_a_spec_says_of_a_driver_is_in_the_table_of_its_pe_completed() -> None:
+    text = SPEC_TEXT.replace(
+        "kind: actuator, pe: left",
+        "kind: actuator, pe: left, driver: pwm, options: {chip: 0}, limits: [-1, 1], safe: 0.5",
+    ).replace("kind: actuator, pe: right", "kind: actuator, pe: right, rate_limit: 2")
+    compiler = Compiler(loads(text, "two_tails.dg.yaml"))
+    (left,) = compiler.table("left").drivers
+    assert (left.device, left.driver, left.options) == ("servo_left", "pwm", '{"chip": 0}')
+    assert (left.stale_ns, left.least, left.most, left.per_s, left.safe) == (5 * 25_000_000, -1.0, 1.0, None, 0.5)
+    (right,) = compiler.table("right").drivers
+    assert (right.device, right.driver, right.options) == ("servo_right", None, "{}")
+    assert (right.least, right.most, right.per_s, right.safe) == (None, None, 2.0, "release")
+    assert compiler.table("middle").drivers == ()
+    assert Compiler(two_tails()).table("left").drivers == ()

@@ -57,3 +57,12 @@ def test_a_misspelt_output_names_its_module_and_fails_nothing() -> None:
     (told,) = manager.of(events.UnknownOutput)
     assert (told.module, told.by) == ("control", "left")
     assert manager.of(events.FaultReported) == []
+
+
+def test_a_misspelt_input_names_its_module_and_fails_nothing() -> None:
+    manager = OneManager()
+    manager.start()
+    manager.report("left", Emergency(FaultCode.UNKNOWN_INPUT, 0, ElementKind.MODULE, CONTROL, 0))
+    (told,) = manager.of(events.UnknownInput)
+    assert (told.module, told.by) == ("control", "left")
+    assert manager.of(events.FaultReported) == []

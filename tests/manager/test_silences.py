@@ -7,6 +7,7 @@ import pytest
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_manager import events
+from heronry_manager.core.vocabulary import FailElement, OperatorSaid
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 from heronry_wire.silence import Silence
@@ -100,3 +101,28 @@ def test_a_silent_input_fails_no_module() -> None:
     manager.report("left", stale(DRIVE_LEFT, Silence(0)))
     assert len(manager.of(events.InputSilent)) == 1
     assert manager.core.status()["latched"] == []
+
+
+def test_the_end_of_what_was_never_told_is_no_event() -> None:
+    manager = flying()
+    manager.report("left", stale(CONTROL, replace(DEMAND, is_over=True)))
+    assert manager.of(events.SilenceOver) == []
+
+
+def test_a_silence_is_over_when_its_module_runs_elsewhere() -> None:
+    manager = flying()
+    manager.report("left", stale(CONTROL, DEMAND))
+    manager.give(OperatorSaid(1, FailElement("module:control@left")))
+    moved = manager.answer()
+    assert moved.configuration.modules["control"].pe == "middle"
+    for pe in manager.spec.pes:
+        manager.stage(pe)
+    manager.pass_time(BEAT_NS)
+    assert [one.why for one in manager.of(events.SilenceOver)] == ["no longer part of what runs"]
+
+
+def test_an_input_whose_producer_has_failed_is_no_silence() -> None:
+    manager = flying()
+    manager.give(OperatorSaid(1, FailElement("module:control@left")))
+    manager.report("left", stale(DRIVE_LEFT, Silence(0)))
+    assert manager.of(events.InputSilent) == []

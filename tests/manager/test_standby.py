@@ -452,3 +452,14 @@ def test_a_mastership_is_not_refused_for_reports_from_an_earlier_one(pair: Pair)
     manager.pass_time(LEASE_NS + 2 * BEAT_NS)
     assert [one.before for one in manager.of(events.TakenOver)] == [1, 3]
     assert manager.of(events.Refused) == []
+
+
+def test_a_module_that_was_released_while_it_stood_by_is_started_by_no_standby(pair: Pair) -> None:
+    failed = Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, 1, 0)
+    pair.primary.report("left", failed)
+    pair.fly(10 * BEAT_NS)
+    assert pair.standby.memory.latched.keys() == {"module:drive_left"}
+    requests = len(pair.standby.requests)
+    pair.standby.hear(command_frame(Control(1, 0, Operation.CLEAR, ElementKind.MODULE, 1)))
+    assert pair.standby.memory.latched == {}
+    assert len(pair.standby.requests) == requests

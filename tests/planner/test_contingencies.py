@@ -225,6 +225,10 @@ def test_the_manager_knows_the_number_of_a_configuration_and_the_pes_that_hold_i
     assert numbers.number(Configuration({"state_estimator": MADE.configuration(1).modules["state_estimator"]})) == 0
     assert [numbers.holds(held[0].pe, number) for number in range(4)] == [False, True, True, False]
     assert [numbers.configuration(number) for number in (0, 1, 4095)] == [None, MADE.configuration(1), None]
+    first, *others = (one.held for one in held)
+    told = {"plans": len(MADE.configurations), "on_board": dict(zip(CHUTE.pes, [2, *others], strict=True))}
+    assert first > 2
+    assert numbers.status() == told
 
 
 def test_a_loaded_table_holds_the_slices_with_the_digests_of_their_configurations() -> None:

@@ -50,7 +50,9 @@ def test_what_flaps_is_counted_each_time_and_told_now_and_then() -> None:
     for now_ns in (0, 1, TELL_AGAIN_NS - 1):
         health.reported(passive, now_ns)
     assert health.counts == {"error-passive": 3, "bus error": 3}
+    assert health.has_link_events
     (sentence,) = health.take_link_events()
+    assert not health.has_link_events
     assert sentence.startswith("can0 sees mostly errors (error-passive)")
     health.reported(passive, TELL_AGAIN_NS)
     assert health.take_link_events() == [sentence]

@@ -252,3 +252,11 @@ def test_half_a_turn_ahead_is_still_newer(epoch: int, steps: int) -> None:
     later = (epoch + steps - 1) % 0xFFFF + 1  # `steps` times next_epoch
     assert is_newer(later, epoch)
     assert not is_newer(epoch, later)
+
+
+def test_an_operation_of_a_later_minor_keeps_its_number_and_what_is_no_byte_is_none() -> None:
+    later = Operation(200)
+    assert (later, later.name, later.is_known) == (200, "OPERATION_200", False)
+    for value in (-1, 256, "HOLDS"):
+        with pytest.raises(ValueError, match="is not a valid Operation"):
+            Operation(value)
