@@ -61,6 +61,7 @@ def test_a_plan_is_sought_again_when_the_last_of_them_is_given_up(manager: OneMa
     manager.stage("middle")
     manager.stage("right")
     requests = len(manager.requests)
+    assert order(manager, FailElement("device:servo_right")).done
     manager.pass_time(100 * MS)
     assert len(manager.requests) == requests
     assert order(manager, FailElement("pe:left")).done

@@ -243,7 +243,7 @@ class Deployment:
         if self.current is not None or not self.observed.runs_unknown(pe):
             return False
         self.other_tables.flies(pe)
-        if self.next is not None:
+        if self.next is not None:  # pragma: no branch - a refusal is of this epoch or of the current one (`staging`)
             self.next.drop(pe)
         return True
 
