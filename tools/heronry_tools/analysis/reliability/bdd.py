@@ -116,13 +116,13 @@ class Bdd(Diagram):
         variable, lows, highs, made, known = self.variable, self.low, self.high, self.made, self._remembered()
 
         def joined(one: int, other: int) -> int:
-            if other in (one, neutral):
+            if one > other:
+                one, other = other, one
+            if one <= TRUE:
+                return other if one == neutral else absorbing
+            if one == other:
                 return one
-            if one == neutral:
-                return other
-            if absorbing in (one, other):
-                return absorbing
-            key = one << _SHIFT | other if one < other else other << _SHIFT | one
+            key = one << _SHIFT | other
             node = known.get(key)
             if node is not None:
                 return node

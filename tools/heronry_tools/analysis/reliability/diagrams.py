@@ -14,7 +14,7 @@ Otherwise a probability here is exact but for the rounding of floating point: al
 probability of the opposite is computed beside it, since 1 - p is not exact where p is nearly 1.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from math import log
@@ -103,8 +103,9 @@ class Solution:
         return self.order is None or order <= self.order
 
     def _counted(self) -> dict[int, list[int]]:
-        """Count the sets of each part, and of the root, by order."""
+        """Count the sets of each part, and of the root, by order; `_counts_within` has those of each node of a part."""
         known: dict[int, list[int]] = {FALSE: [], TRUE: [1]}
+        self._counts_within: dict[int, dict[int, list[int]]] = {}
         if self._root not in self._parts:
             known.setdefault(self._root, [0, 1])
         for part, one in self._parts.items():
@@ -113,12 +114,12 @@ class Solution:
                 leaf = one.leaves[one.sets.variable[node]]
                 high = _product(counts[one.sets.high[node]], known[leaf] if leaf in self._parts else [0, 1])
                 counts[node] = _sum(counts[one.sets.low[node]], high)
-            known[part] = counts[one.family]
+            known[part], self._counts_within[part] = counts[one.family], counts
         return known
 
     def sets(self, most: int, order: int | None = None) -> Iterator[frozenset[str]]:
         """Yield minimal cut sets, the smaller ones first: at most `most`, and of at most `order` events each."""
-        listing = _Listing(self._parts, self._counts, most)
+        listing = _Listing(self._parts, self._counts_within, most)
         names, left = self._formula.names, most
         for size in self.by_order():
             if left <= 0 or (order is not None and size > order):
@@ -202,15 +203,17 @@ class _Clock:
 
 def _solved(formula: Formula, part: Part, budgets: list[int], clock: _Clock) -> Solved:
     """Make the diagrams of a part; of the orders that fail within a budget, the half that came furthest goes on."""
-    under_way = [_Building(formula, part, leaves) for leaves in orders(formula, part)]
+    under_way: Iterable[_Building] = (_Building(formula, part, leaves) for leaves in orders(formula, part))
     with deep(len(part.leaves)):
         for budget in budgets:
+            tried: list[_Building] = []
             for building in under_way:
+                tried.append(building)
                 with suppress(TooLargeError):
                     return building.go_on(budget, clock)
                 clock.expect_time()
-            under_way.sort(key=lambda one: -one.gates)
-            del under_way[max(1, len(under_way) // 2) :]
+            tried.sort(key=lambda one: -one.gates)
+            under_way = tried[: max(1, len(tried) // 2)]
     raise TooLargeError
 
 
@@ -270,7 +273,9 @@ def _sum(one: list[int], other: list[int]) -> list[int]:
 class _Listing:
     """Lists the sets of each size; of the sets of a node and a size it makes at most `most`."""
 
-    def __init__(self, parts: Mapping[int, Solved], counts: Mapping[int, list[int]], most: int) -> None:
+    def __init__(
+        self, parts: Mapping[int, Solved], counts: Mapping[int, Mapping[int, list[int]]], most: int
+    ) -> None:
         self._parts, self._counts, self._most = parts, counts, most
         self._known: dict[tuple[int, int, int], list[tuple[int, ...]]] = {}
 
@@ -281,8 +286,11 @@ class _Listing:
         return [() if leaf == TRUE else (leaf,)]
 
     def _below(self, part: int, node: int, size: int) -> list[tuple[int, ...]]:
-        if node <= TRUE or size <= 0:
-            return [()] if node == TRUE and size == 0 else []
+        counts = self._counts[part][node]
+        if size >= len(counts) or not counts[size]:
+            return []
+        if node == TRUE:
+            return [()]
         key = (part, node, size)
         found = self._known.get(key)
         if found is None:
@@ -298,7 +306,7 @@ class _Listing:
         if leaf not in self._parts:
             return [(leaf, *rest) for rest in self._below(part, high, size - 1)]
         found: list[tuple[int, ...]] = []
-        for own, number in enumerate(self._counts[leaf]):
+        for own, number in enumerate(self._counts[leaf][self._parts[leaf].family]):
             if number and own <= size:
                 rests = self._below(part, high, size - own)
                 if rests:

@@ -182,7 +182,7 @@ class _Compiler:
 
     def _solved(self, equations: "Mapping[Option, _Equation]") -> dict[Option, int]:
         values: dict[Option, int] = {}
-        read = {option: set(equation.read()) for option, equation in equations.items()}
+        read = {option: dict.fromkeys(equation.read()) for option, equation in equations.items()}  # a fixed order
         for group in _groups(read):
             cut = _cut(group, read)
             ordered = _ordered(group, read, cut)
@@ -316,7 +316,7 @@ def _maximal(options: list[Option], alike: Callable[[Option, Option], bool]) -> 
             if chosen:
                 yield chosen
             continue
-        pivot = max(possible | done, key=lambda one: len(near[one] & possible))
+        pivot = max(sorted(possible | done), key=lambda one: len(near[one] & possible))
         for one in [one for one in options if one in possible - near[pivot]]:
             waiting.append((chosen | {one}, possible & near[one], done & near[one]))
             possible = possible - {one}

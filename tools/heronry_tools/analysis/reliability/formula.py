@@ -34,7 +34,7 @@ class Formula:
         self.inputs: list[tuple[int, ...]] = [(), ()]
         self.events: dict[str, int] = {}
         self.names: dict[int, str] = {}
-        self._made: dict[tuple[int, tuple[int, ...]], int] = {}
+        self._made: dict[tuple[int, ...], int] = {}
         self._most_nodes = most_nodes
 
     def event(self, name: str) -> int:
@@ -56,9 +56,10 @@ class Formula:
 
     def at_least(self, least: int, inputs: Iterable[int]) -> int:
         """Give the node that is true iff at least `least` of some nodes are; a repeated node counts each time."""
-        given = list(inputs)
-        least -= given.count(TRUE)
-        kept = [node for node in given if node > TRUE]
+        kept = list(inputs)
+        if TRUE in kept or FALSE in kept:
+            least -= kept.count(TRUE)
+            kept = [node for node in kept if node > TRUE]
         if least <= 0:
             return TRUE
         if least > len(kept):
@@ -70,7 +71,7 @@ class Formula:
             kept = list(dict.fromkeys(kept))
         if len(kept) == 1:
             return kept[0]
-        key = (least, tuple(sorted(kept)))
+        key = (least, *sorted(kept))
         node = self._made.get(key)
         if node is None:
             node = self._made[key] = self._add(least, tuple(kept))
@@ -104,8 +105,8 @@ class Formula:
         """
         now = dict(replaced)
         for node in self._changing(root, replaced, above):
-            inputs = [now.get(one, one) for one in self.inputs[node]]
-            if inputs != list(self.inputs[node]):
+            inputs = tuple([now.get(one, one) for one in self.inputs[node]])
+            if inputs != self.inputs[node]:
                 now[node] = self.at_least(self.least[node], inputs)
         return now.get(root, root)
 

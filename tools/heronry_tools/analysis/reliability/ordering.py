@@ -42,11 +42,9 @@ def _proposed(formula: Formula, part: Part) -> Iterator[list[int]]:
         _searched(part, {gate: sorted(formula.inputs[gate], key=key) for gate in part.gates})  # type: ignore[arg-type]
         for key in keys
     ]
-    pulled = [_pulled(formula, part, order) for order in searches]
-    spans = sorted(((_span(formula, part, order), order) for order in [*searches, *pulled]), key=lambda pair: pair[0])
     yield searches[1]
-    for _, order in spans:
-        yield order
+    pulled = [_pulled(formula, part, order) for order in searches]
+    yield from sorted([*searches, *pulled], key=lambda order: _span(formula, part, order))
 
 
 def _sizes(formula: Formula, part: Part) -> dict[int, int]:
@@ -106,6 +104,6 @@ def _pulled(formula: Formula, part: Part, order: list[int]) -> list[int]:
         without_gain = 0 if span < best_span else without_gain + 1
         if span < best_span:
             best, best_span = now, span
-        if without_gain >= 8:
+        if without_gain >= 3:
             break
     return best
