@@ -273,9 +273,7 @@ def _sum(one: list[int], other: list[int]) -> list[int]:
 class _Listing:
     """Lists the sets of each size; of the sets of a node and a size it makes at most `most`."""
 
-    def __init__(
-        self, parts: Mapping[int, Solved], counts: Mapping[int, Mapping[int, list[int]]], most: int
-    ) -> None:
+    def __init__(self, parts: Mapping[int, Solved], counts: Mapping[int, Mapping[int, list[int]]], most: int) -> None:
         self._parts, self._counts, self._most = parts, counts, most
         self._known: dict[tuple[int, int, int], list[tuple[int, ...]]] = {}
 
