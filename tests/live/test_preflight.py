@@ -38,14 +38,13 @@ RADIO_LINK = Path("dg_specs/examples/radio_link.dg.yaml")
 PATIENCE_S = 150
 HEARTBEAT_NS = 320_000_000  # so long that a busy computer keeps up
 SILENT_PITOT = """
-import os
 from pathlib import Path
 from heronry_agent.module import Module
 
 
 class Pitot(Module):
     def step(self, inputs):
-        return {} if Path(os.environ["PITOT_IS_BLOCKED"]).exists() else {"differential_pressure": 2.5}
+        return {} if Path(__file__).with_name("blocked").exists() else {"differential_pressure": 2.5}
 """
 
 
@@ -134,12 +133,12 @@ def big_blue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Aircraft]:
     assert spoilt != text
     file = folder / "big_blue.dg.yaml"
     file.write_text(spoilt)
-    os.environ["PYTHONPATH"], os.environ["PITOT_IS_BLOCKED"] = str(folder), str(folder / "blocked")
+    os.environ["PYTHONPATH"] = str(folder)
     try:
         with flying(file, contingencies_of(load(file), Ahead.SINGLE_FAULTS)) as aircraft:
             yield aircraft
     finally:
-        del os.environ["PYTHONPATH"], os.environ["PITOT_IS_BLOCKED"]
+        del os.environ["PYTHONPATH"]
 
 
 Break = Callable[[Aircraft], None]
@@ -249,7 +248,7 @@ def test_big_blue_goes_with_its_ground_station_and_each_broken_thing_is_named(bi
 
     broken("image", "images", "module:pitot_driver", spoil, mend_image)
 
-    blocked = Path(os.environ["PITOT_IS_BLOCKED"])
+    blocked = aircraft.file.with_name("blocked")
     broken(
         "sensor",
         "inputs",
