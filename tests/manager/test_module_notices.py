@@ -1,5 +1,7 @@
 """What modules tell without a fault: told once, shown while it is repeated, without a plan."""
 
+import pytest
+
 from heronry_manager import events
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
@@ -50,19 +52,16 @@ def test_a_report_of_an_unknown_element_names_the_module_that_made_it() -> None:
     assert len(manager.of(events.UnknownElement)) == 2
 
 
-def test_a_misspelt_output_names_its_module_and_fails_nothing() -> None:
+@pytest.mark.parametrize(
+    ("code", "event"),
+    [(FaultCode.UNKNOWN_OUTPUT, events.UnknownOutput), (FaultCode.UNKNOWN_INPUT, events.UnknownInput)],
+)
+def test_a_misspelt_name_names_its_module_and_fails_nothing(
+    code: FaultCode, event: type[events.UnknownOutput | events.UnknownInput]
+) -> None:
     manager = OneManager()
     manager.start()
-    manager.report("left", Emergency(FaultCode.UNKNOWN_OUTPUT, 0, ElementKind.MODULE, CONTROL, 0))
-    (told,) = manager.of(events.UnknownOutput)
-    assert (told.module, told.by) == ("control", "left")
-    assert manager.of(events.FaultReported) == []
-
-
-def test_a_misspelt_input_names_its_module_and_fails_nothing() -> None:
-    manager = OneManager()
-    manager.start()
-    manager.report("left", Emergency(FaultCode.UNKNOWN_INPUT, 0, ElementKind.MODULE, CONTROL, 0))
-    (told,) = manager.of(events.UnknownInput)
+    manager.report("left", Emergency(code, 0, ElementKind.MODULE, CONTROL, 0))
+    (told,) = manager.of(event)
     assert (told.module, told.by) == ("control", "left")
     assert manager.of(events.FaultReported) == []

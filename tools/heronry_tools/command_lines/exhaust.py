@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from heronry_tools.console.compiled_argument import add_compiled_argument
-from heronry_tools.console.number_arguments import processors, whole_number
+from heronry_tools.console.flight_arguments import add_compiled_argument, add_jobs_argument
+from heronry_tools.console.number_arguments import whole_number
 from heronry_tools.console.output import add_output
 from heronry_tools.console.spec_argument import add_spec_argument
 
@@ -61,8 +61,6 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--case", action="append", default=[], metavar="CASE", help="fly only this case, 'STORY: FAULT, ..'; see below"
     )
-    parser.add_argument(
-        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
-    )
+    add_jobs_argument(parser)
     add_compiled_argument(parser)
     add_output(parser, "write the flights and their failures, or the counts of --count, as JSON")

@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from heronry_tools.console.compiled_argument import add_compiled_argument
-from heronry_tools.console.number_arguments import flights, processors, whole_number
+from heronry_tools.console.flight_arguments import add_compiled_argument, add_jobs_argument, add_seed_arguments
 from heronry_tools.console.output import add_output
 from heronry_tools.console.spec_argument import FLOWN
 
@@ -61,17 +60,8 @@ def add_parsers(subparsers: Any) -> None:
         metavar="SPEC",
         help=f"a spec with the devices of the EAV or of BIG BLUE; shipped: {', '.join(FLOWN)}, big_blue",
     )
-    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
-    parser.add_argument(
-        "--runs",
-        type=flights,
-        default=1,
-        metavar="N",
-        help="number of flights (default: 1); the first has the seed of --seed, each further one the next seed",
-    )
-    parser.add_argument(
-        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
-    )
+    add_seed_arguments(parser)
+    add_jobs_argument(parser)
     parser.add_argument(
         "--without-rover",
         action="store_true",

@@ -5,6 +5,7 @@ from typing import Any
 
 from heronry_tools.console.manager_argument import add_manager_argument
 from heronry_tools.console.output import add_output
+from heronry_tools.console.source_arguments import add_listened_bus
 from heronry_tools.console.spec_argument import add_spec_argument
 from heronry_wire.bus_arguments import add_bus_arguments
 
@@ -34,13 +35,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="least time to listen (default 3 s)")
     parser.add_argument("--wait", type=float, default=0.0, metavar="S", help="repeat until GO, for up to S seconds")
     parser.add_argument("--key", type=Path, metavar="FILE", help="key file that the manager and all PEs must use")
-    parser.add_argument(
-        "--bus",
-        metavar="NAME=[INTERFACE:]CHANNEL",
-        action="append",
-        default=[],
-        help="a bus of SPEC to listen to; may be repeated",
-    )
+    add_listened_bus(parser)
     add_manager_argument(parser)
     add_output(parser, "write the findings as JSON")
     add_bus_arguments(parser, "the manager's bus, where the manager does not name it")

@@ -5,9 +5,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from heronry_tools.console.compiled_argument import add_compiled_argument
+from heronry_tools.console.flight_arguments import add_compiled_argument, add_jobs_argument, add_seed_arguments
 from heronry_tools.console.flight_limits import LONGEST_S, read_share
-from heronry_tools.console.number_arguments import flights, processors, whole_number
 from heronry_tools.console.output import add_output
 from heronry_tools.console.spec_argument import add_spec_argument
 
@@ -55,14 +54,7 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_EPILOG,
     )
     add_spec_argument(parser)
-    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
-    parser.add_argument(
-        "--runs",
-        type=flights,
-        default=1,
-        metavar="N",
-        help="number of flights (default: 1); the first has the seed of --seed, each further one the next seed",
-    )
+    add_seed_arguments(parser)
     parser.add_argument(
         "--seconds",
         type=seconds,
@@ -70,9 +62,7 @@ def add_parsers(subparsers: Any) -> None:
         help="inject faults up to second S, or until the faults of --act, --acts and --kill have ended, if that is "
         "later (default: up to second 5, or 1 s after these faults have ended, if that is later)",
     )
-    parser.add_argument(
-        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
-    )
+    add_jobs_argument(parser)
     parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw only faults of this kind")
     parser.add_argument(
         "--act", action="append", default=[], metavar="ACT", help="inject this fault, and draw none; may be repeated"

@@ -45,6 +45,13 @@ def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = Fal
         metavar="FILE",
         help=f"key file that verifies the frames on a bus{'' if is_live else ' or in a log'}, if the flight has a key",
     )
+    add_listened_bus(parser)
+    add_manager_argument(parser)
+    add_bus_arguments(parser, "the manager's bus, to listen to")
+
+
+def add_listened_bus(parser: argparse.ArgumentParser) -> None:
+    """Add the option --bus to a parser: buses of the spec to listen to."""
     parser.add_argument(
         "--bus",
         metavar="NAME=[INTERFACE:]CHANNEL",
@@ -52,5 +59,3 @@ def add_source_arguments(parser: argparse.ArgumentParser, *, is_live: bool = Fal
         default=[],
         help="a bus of SPEC to listen to; may be repeated",
     )
-    add_manager_argument(parser)
-    add_bus_arguments(parser, "the manager's bus, to listen to")

@@ -96,30 +96,31 @@ class Solution:
 
     def by_order(self) -> dict[int, int]:
         """Give the number of minimal cut sets of each order (number of events) that has some; up to `order`, if any."""
-        counts = self._counts[self._root]
+        root = self._root
+        if root in self._parts:
+            counts = self._counts[root][self._parts[root].family]
+        else:
+            counts = {FALSE: [], TRUE: [1]}.get(root, [0, 1])
         return {order: number for order, number in enumerate(counts) if number and self._has(order)}
 
     def _has(self, order: int) -> bool:
         return self.order is None or order <= self.order
 
-    def _counted(self) -> dict[int, list[int]]:
-        """Count the sets of each part, and of the root, by order; `_counts_within` has those of each node of a part."""
-        known: dict[int, list[int]] = {FALSE: [], TRUE: [1]}
-        self._counts_within: dict[int, dict[int, list[int]]] = {}
-        if self._root not in self._parts:
-            known.setdefault(self._root, [0, 1])
+    def _counted(self) -> dict[int, dict[int, list[int]]]:
+        """Count the sets of each node of each part's diagram, by order."""
+        found: dict[int, dict[int, list[int]]] = {}
         for part, one in self._parts.items():
             counts: dict[int, list[int]] = {FALSE: [], TRUE: [1]}
             for node in one.sets.below(one.family):
                 leaf = one.leaves[one.sets.variable[node]]
-                high = _product(counts[one.sets.high[node]], known[leaf] if leaf in self._parts else [0, 1])
-                counts[node] = _sum(counts[one.sets.low[node]], high)
-            known[part], self._counts_within[part] = counts[one.family], counts
-        return known
+                own = found[leaf][self._parts[leaf].family] if leaf in found else [0, 1]
+                counts[node] = _sum(counts[one.sets.low[node]], _product(counts[one.sets.high[node]], own))
+            found[part] = counts
+        return found
 
     def sets(self, most: int, order: int | None = None) -> Iterator[frozenset[str]]:
         """Yield minimal cut sets, the smaller ones first: at most `most`, and of at most `order` events each."""
-        listing = _Listing(self._parts, self._counts_within, most)
+        listing = _Listing(self._parts, self._counts, most)
         names, left = self._formula.names, most
         for size in self.by_order():
             if left <= 0 or (order is not None and size > order):
