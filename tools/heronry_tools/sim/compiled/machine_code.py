@@ -14,6 +14,7 @@ Compiled code differs from Python where a declared type is less exact than the v
 - A tuple of fixed length has no identity.
 - A member of an IntEnum that is declared as an int is only an int.
 - An int that is passed as a float becomes a float.
+- A protocol is no class that `isinstance` can check, so `heronry_agent.shell.devices` stays Python.
 
 So `proof_flights` are flown in both forms, and must give the same frames. If they do not, the copy is not kept.
 """
@@ -53,7 +54,7 @@ _COMPILED = {
     "passing_welcomes phase_requests publishing radio_port radio_queue radios reporting restarts running_modules "
     "schedule silence_reports silence_watch staging state_seal table_index turn vocabulary without_manager",
     "heronry_agent.parts": "reading",
-    "heronry_agent.shell": "devices module_runner reading_watch start_orders",
+    "heronry_agent.shell": "module_runner reading_watch start_orders",
     "heronry_manager.core": "knowledge manager turn vocabulary",
     "heronry_manager.core.authentication": "authenticity",
     "heronry_manager.core.epochs": "activation deployment epoch known_epochs observation silences",
