@@ -1,8 +1,8 @@
 """The object dictionary of a PE: one table for the server, the EDS and the documentation (CiA 301, 7.4 and 7.5).
 
 This file lists the objects of a PE, with index and sub-index, type and access right. The agent serves exactly these
-objects (`heronry_agent.core.object_dictionary`), and `heronry_wire.eds` writes them to a file. So the table, the server
-and the EDS agree.
+objects (`heronry_agent.core.canopen`), and `heronry_wire.eds` writes them to a file. So the table, the server and the
+EDS agree.
 
 This file keeps no state. Indices 1000h to 1FFFh are those of CiA 301 and CiA 302-3, 2000h and up are this project's
 own. PDOs, SYNC and LSS have no objects here, since CANaerospace uses their identifiers on this bus (docs/protocol.md).

@@ -2,7 +2,7 @@
 
 A command has two bytes: its code, and the node that is to execute it, 0 for all nodes. A heartbeat has one byte, the
 state of its sender; the first heartbeat after a start says INITIALISING (boot-up).
-`heronry_agent.core.network_management` decides what a PE does with a command.
+`heronry_agent.core.canopen.network_management` decides what a PE does with a command.
 
 This file keeps no state.
 """

@@ -1,7 +1,7 @@
 """CANopen SDO: the first byte of its messages, its abort codes and its checksum (CiA 301, 7.2.4.3).
 
-This file reads and writes messages, and keeps no state. The server (`heronry_agent.core.sdo_server`) acts on the
-messages. An SDO message always has eight bytes, in one of two forms:
+This file reads and writes messages, and keeps no state. The server (`heronry_agent.core.canopen`) acts on the messages.
+An SDO message always has eight bytes, in one of two forms:
 
 - a command, the index (little-endian), the sub-index, and four bytes of data or a length;
 - a command and seven bytes of data.

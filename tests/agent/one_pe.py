@@ -9,7 +9,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from heronry_agent.core.agent import AgentCore
-from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.authority import Secret
 from heronry_agent.core.vocabulary import Action, Drive, Driven, Event, StartModule, StepModule, Stepped, StopModule
 from heronry_agent.module import Value
 from heronry_wire.canaerospace import DataType, Datum, encode_data

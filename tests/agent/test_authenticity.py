@@ -22,8 +22,7 @@ from agent.one_pe import (
     sent,
     slice_messages,
 )
-from heronry_agent.core.authenticity import Secret
-from heronry_agent.core.output_authorization import OutputAuthorization
+from heronry_agent.core.authority import OutputAuthorization, Secret
 from heronry_agent.core.vocabulary import Action
 from heronry_wire.authentication import PAGE_1_BEAT, Key, Session
 from heronry_wire.command_tags import Refusal

@@ -19,7 +19,7 @@ from agent.one_pe import (
     OnePe,
     pages,
 )
-from heronry_agent.core.network_management import NetworkManagement
+from heronry_agent.core.canopen.network_management import NetworkManagement
 from heronry_agent.core.vocabulary import Action, ImagesMissing, Note, StartFailed
 from heronry_wire.canopen_objects import SHORTEST_HEARTBEAT_MS
 from heronry_wire.eds import eds_text

@@ -6,7 +6,7 @@ import pytest
 
 from agent.one_pe import FLYING, MS, NODE, TABLE, OnePe, sent
 from heronry_agent.core.agent import AgentCore
-from heronry_agent.core.echo_pace import EchoPace
+from heronry_agent.core.modules.echo_pace import EchoPace
 from heronry_wire.identifiers import actuator_echo_id
 from heronry_wire.pe_table import PeTable, TableError
 

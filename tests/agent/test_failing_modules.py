@@ -19,7 +19,7 @@ from agent.one_pe import (
     sent,
     started,
 )
-from heronry_agent.core.schedule import HUNG_NS
+from heronry_agent.core.step_times import HUNG_NS
 from heronry_agent.core.vocabulary import (
     Action,
     Drive,

@@ -16,8 +16,8 @@ from agent.one_pe import (
     OnePe,
     sent,
 )
-from heronry_agent.core.faults import Faults
-from heronry_agent.core.schedule import OVERRUNS_IN_A_ROW, Schedule
+from heronry_agent.core.modules.schedule import OVERRUNS_IN_A_ROW, Schedule
+from heronry_agent.core.reports import Faults
 from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame

@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 
-from heronry_agent.core.link_meter import LinkMeter
+from heronry_agent.core.forwarding.link_meter import LinkMeter
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import state_id

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from heronry_agent.core.object_dictionary import MOST_BYTES, ObjectDictionary
+from heronry_agent.core.canopen.object_dictionary import MOST_BYTES, ObjectDictionary
 from heronry_wire.canopen_objects import ERROR_HISTORY, HEARTBEAT_TIME, IDENTITY, OBJECTS, TABLE, Access, Kind
 from heronry_wire.sansio import InvariantError
 from heronry_wire.sdo import Abort

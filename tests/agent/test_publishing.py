@@ -1,7 +1,7 @@
 """The frames of a PE: data, and the echoes of its outputs."""
 
 from agent.one_pe import CONTROL, NODE, RATE, TABLE
-from heronry_agent.core.publishing import Publisher
+from heronry_agent.core.modules.publishing import Publisher
 from heronry_agent.core.table_index import TableIndex
 from heronry_wire.canaerospace import DataType, Datum, decode_data
 from heronry_wire.identifiers import actuator_echo_id

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_agent.core.radio_queue import CAPACITY, DATA_BURST_BITS, MANAGEMENT_BURST_BITS, RadioQueue
+from heronry_agent.core.forwarding.radio_queue import CAPACITY, DATA_BURST_BITS, MANAGEMENT_BURST_BITS, RadioQueue
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, actuator_echo_id, emcy_id, management_id, state_id
 from heronry_wire.timing import worst_bits

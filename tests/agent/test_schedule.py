@@ -1,7 +1,8 @@
 """A partition receives all due steps; chains pass values within the instant; a late module delays its partition."""
 
 from agent.one_pe import MS
-from heronry_agent.core.schedule import HUNG_NS, Schedule
+from heronry_agent.core.modules.schedule import Schedule
+from heronry_agent.core.step_times import HUNG_NS
 from heronry_wire.sansio import NEVER_NS
 
 PRODUCER, CONSUMER, THIRD = 1, 2, 3

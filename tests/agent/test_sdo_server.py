@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.canopen_master import refusal
-from heronry_agent.core.sdo_server import SEGMENTS_PER_BLOCK, TIME_OUT_NS, SdoServer
+from heronry_agent.core.canopen import SdoServer
+from heronry_agent.core.canopen.sdo_server import SEGMENTS_PER_BLOCK, TIME_OUT_NS
 from heronry_wire.sansio import NEVER_NS
 from heronry_wire.sdo import Abort, abort_message
 from thoroughness import part_of

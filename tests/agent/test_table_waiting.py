@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from agent.canopen_master import objects
 from agent.one_pe import MANAGER, MS, NODE, TABLE, Message, sent
-from heronry_agent.core.authenticity import LONGEST_UNLOCK_S, Secret
+from heronry_agent.core.authority import Secret
+from heronry_agent.core.authority.authenticity import LONGEST_UNLOCK_S
 from heronry_agent.core.vocabulary import Action, Note
 from heronry_agent.shell.table_waiting import WaitingCore
 from heronry_wire.authentication import SEAL_BYTES, Key

@@ -2,7 +2,7 @@
 
 import pytest
 
-from heronry_agent.core.twin import Twin, TwinProof
+from heronry_agent.core.authority import Twin, TwinProof
 from heronry_wire.authentication import Key
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.frame import Frame

@@ -31,7 +31,7 @@ from collections.abc import Callable, Sequence
 from random import Random
 
 from heronry_agent.core.agent import AgentCore
-from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.authority import Secret
 from heronry_agent.core.vocabulary import Action, Event
 from heronry_dg.model import Spec
 from heronry_manager import events

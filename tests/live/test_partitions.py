@@ -14,7 +14,7 @@ import pytest
 
 from agent.one_pe import CONTROL, MONITOR, SERVO_1, TABLE
 from agent.recorded_devices import RecordedDriver
-from heronry_agent.core.schedule import HUNG_NS
+from heronry_agent.core.step_times import HUNG_NS
 from heronry_agent.core.vocabulary import (
     Drive,
     Driven,

@@ -6,7 +6,7 @@ from itertools import takewhile
 
 import pytest
 
-from heronry_agent.core.schedule import HUNG_NS
+from heronry_agent.core.step_times import HUNG_NS
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement

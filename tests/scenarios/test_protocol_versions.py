@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from heronry_agent.core import canopen_node
 from heronry_agent.core.agent import AgentCore
-from heronry_agent.core.object_dictionary import ObjectDictionary
-from heronry_agent.core.pe_objects import PeObjects
+from heronry_agent.core.canopen import canopen_node
+from heronry_agent.core.canopen.object_dictionary import ObjectDictionary
+from heronry_agent.core.canopen.pe_objects import PeObjects
 from heronry_agent.core.vocabulary import Action, Event
 from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
@@ -143,7 +143,7 @@ def object_of(simulation: Simulation, pe: str, index: int) -> bytes:
 def test_a_pe_of_another_major_stages_nothing_and_is_named_in_one_sentence(
     monkeypatch: pytest.MonkeyPatch, key: Key | None
 ) -> None:
-    monkeypatch.setattr("heronry_agent.core.pe_objects.PROTOCOL", OTHER)
+    monkeypatch.setattr("heronry_agent.core.canopen.pe_objects.PROTOCOL", OTHER)
 
     def tables(pe: str, table: PeTable) -> PeTable:
         return replace(table, protocol=OTHER) if pe == "control_pe" else table

@@ -17,11 +17,11 @@ from typing import Any
 
 import pytest
 
-from heronry_agent.core.active_configuration import ActiveConfiguration
-from heronry_agent.core.authenticity import Authenticity as PeAuthenticity
-from heronry_agent.core.faults import Faults
-from heronry_agent.core.phase_requests import _Watch
-from heronry_agent.core.staging import UNCONFIGURED, Staging
+from heronry_agent.core.authority import Authenticity as PeAuthenticity
+from heronry_agent.core.configuration import ActiveConfiguration, Staging
+from heronry_agent.core.configuration.staging import UNCONFIGURED
+from heronry_agent.core.modules.phase_requests import _Watch
+from heronry_agent.core.reports import Faults
 from heronry_manager.core.authentication.authenticity import Authenticity
 from heronry_manager.core.epochs import STAGE_TRANSITIONS
 from heronry_manager.core.mastership import MASTERSHIP_TRANSITIONS

@@ -5,9 +5,8 @@ from typing import Any
 
 import pytest
 
-from heronry_agent.core.authenticity import Authenticity
-from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.state_seal import StateSeal
+from heronry_agent.core.authority import Authenticity, OutputAuthorization
+from heronry_agent.core.authority.state_seal import StateSeal
 from heronry_manager import events
 from heronry_manager.core.authentication import authenticity
 from heronry_manager.core.authentication.nonce_answers import NonceAnswers

@@ -5,7 +5,7 @@ from functools import cache
 
 import pytest
 
-from heronry_agent.core.active_configuration import ActiveConfiguration
+from heronry_agent.core.configuration import ActiveConfiguration
 from heronry_dg.expendable import expendable
 from heronry_dg.loader import load
 from heronry_dg.model import Spec

@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from heronry_agent.core import mailboxes
-from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.modules import RunningModules, mailboxes
 from heronry_agent.core.vocabulary import Drive
 from heronry_agent.module import Value
 from heronry_dg.configuration import Configuration

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from heronry_agent.core import silence_watch
-from heronry_agent.core.silence_reports import SilenceReports
-from heronry_agent.core.silence_watch import SilenceWatch
+from heronry_agent.core.modules import silence_watch
+from heronry_agent.core.modules.silence_watch import SilenceWatch
+from heronry_agent.core.reports import SilenceReports
 from heronry_dg.loader import load
 from heronry_manager.events import InputSilent, OutputSilent, SilenceOver
 from heronry_tools.sim.faults.fault import Fault, read_fault

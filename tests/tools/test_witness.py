@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_agent.core.publishing import Publisher
+from heronry_agent.core.modules.publishing import Publisher
 from heronry_agent.core.table_index import TableIndex
 from heronry_dg.loader import load
 from heronry_dg.model import Spec

@@ -32,24 +32,16 @@ from collections import Counter, deque
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
-from heronry_agent.core.active_configuration import ActiveConfiguration
-from heronry_agent.core.authenticity import Authenticity, Secret
-from heronry_agent.core.canopen_node import CanopenNode
-from heronry_agent.core.channel_reports import ChannelReports
+from heronry_agent.core.authority import Authenticity, ExclusiveFrames, FollowedManager, OutputAuthorization, Secret
+from heronry_agent.core.canopen import CanopenNode, Parts
 from heronry_agent.core.command_acceptance import CommandAcceptance
 from heronry_agent.core.condition import Condition, StateReports
+from heronry_agent.core.configuration import ActiveConfiguration, SliceReader, Staging
 from heronry_agent.core.deadlines import Deadlines
-from heronry_agent.core.exclusive_frames import ExclusiveFrames
-from heronry_agent.core.followed_manager import FollowedManager
-from heronry_agent.core.gateway import Gateway
+from heronry_agent.core.forwarding import Gateway, Radios
 from heronry_agent.core.inbound import Inbound
-from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.pe_objects import Parts
-from heronry_agent.core.radios import Radios
-from heronry_agent.core.reporting import Reporting
-from heronry_agent.core.running_modules import RunningModules
-from heronry_agent.core.slice_reading import SliceReader
-from heronry_agent.core.staging import Staging
+from heronry_agent.core.modules import RunningModules, WithoutManager
+from heronry_agent.core.reports import ChannelReports, Reporting
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import (
@@ -67,7 +59,6 @@ from heronry_agent.core.vocabulary import (
     StepMeasured,
     Stepped,
 )
-from heronry_agent.core.without_manager import WithoutManager
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import InvariantError, Received, Tick, require
 from heronry_wire.standstill import StoodStill

@@ -24,17 +24,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
-from heronry_agent.core.active_configuration import ActiveConfiguration
-from heronry_agent.core.authenticity import Authenticity
-from heronry_agent.core.exclusive_frames import ExclusiveFrames
-from heronry_agent.core.followed_manager import NO_TERM, FollowedManager
-from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.running_modules import RunningModules
-from heronry_agent.core.staging import Staging
+from heronry_agent.core.authority import NO_TERM, Authenticity, ExclusiveFrames, FollowedManager, OutputAuthorization
+from heronry_agent.core.configuration import ActiveConfiguration, Staging
+from heronry_agent.core.forwarding import Gateway
+from heronry_agent.core.modules import RunningModules, WithoutManager
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
-from heronry_agent.core.without_manager import WithoutManager
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id

@@ -9,13 +9,10 @@ key a page 0 also follows every EMCY immediately, since the tag of the page auth
 
 from dataclasses import dataclass
 
-from heronry_agent.core.active_configuration import ActiveConfiguration
-from heronry_agent.core.authenticity import Authenticity
-from heronry_agent.core.followed_manager import FollowedManager
-from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.reporting import Facts, Reporting
-from heronry_agent.core.running_modules import RunningModules
-from heronry_agent.core.staging import Staging
+from heronry_agent.core.authority import Authenticity, FollowedManager, OutputAuthorization
+from heronry_agent.core.configuration import ActiveConfiguration, Staging
+from heronry_agent.core.modules import RunningModules
+from heronry_agent.core.reports import Facts, Reporting
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_wire.management import Step

@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 
-from heronry_agent.core.canopen_node import CanopenNode
-from heronry_agent.core.channel_reports import ChannelReports
+from heronry_agent.core.canopen import CanopenNode
 from heronry_agent.core.condition import StateReports
-from heronry_agent.core.running_modules import RunningModules
-from heronry_agent.core.staging import Staging
+from heronry_agent.core.configuration import Staging
+from heronry_agent.core.modules import RunningModules, WithoutManager
+from heronry_agent.core.reports import ChannelReports
 from heronry_agent.core.turn import Turn
-from heronry_agent.core.without_manager import WithoutManager
 
 
 @dataclass

@@ -16,12 +16,10 @@ An identifier is *quiet* if its frames change no deadline and cause no state fra
 from collections.abc import Callable, Collection, Iterable
 from functools import partial
 
-from heronry_agent.core.active_configuration import ActiveConfiguration
-from heronry_agent.core.authenticity import Authenticity
-from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.publishing import ECHO_NODES
-from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.authority import Authenticity, OutputAuthorization
+from heronry_agent.core.configuration import ActiveConfiguration
+from heronry_agent.core.forwarding import Gateway
+from heronry_agent.core.modules import ECHO_NODES, RunningModules
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Heard

@@ -17,7 +17,7 @@ from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 from heronry_agent.core.agent import AgentCore
-from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.authority import Secret
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.device_choice import choose_drivers, read_devices
 from heronry_agent.shell.devices import PLANT, Devices, open_drivers

@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from enum import Enum, auto
 
-from heronry_agent.core.twin import Twin, TwinProof
+from heronry_agent.core.authority import Twin, TwinProof
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, state_id

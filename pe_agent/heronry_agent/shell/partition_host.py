@@ -26,7 +26,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 
-from heronry_agent.core.schedule import HUNG_NS, NS_MHZ, hung_ns
+from heronry_agent.core.step_times import HUNG_NS, NS_MHZ, hung_ns
 from heronry_agent.core.vocabulary import (
     Action,
     Drive,

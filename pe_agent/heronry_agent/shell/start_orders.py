@@ -1,6 +1,6 @@
 """Converts the core's action StartModule into the order for the process that runs the module."""
 
-from heronry_agent.core.schedule import NS_MHZ
+from heronry_agent.core.step_times import NS_MHZ
 from heronry_agent.core.vocabulary import StartModule
 from heronry_agent.shell.module_runner import Orders
 

@@ -25,16 +25,12 @@ from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from typing import Any
 
-from heronry_agent.core.active_configuration import ActiveConfiguration
-from heronry_agent.core.authenticity import Authenticity, Secret
-from heronry_agent.core.canopen_node import CanopenNode
-from heronry_agent.core.exclusive_frames import ExclusiveFrames
-from heronry_agent.core.followed_manager import FollowedManager
-from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.pe_objects import Parts
-from heronry_agent.core.reporting import Facts
-from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.authority import Authenticity, ExclusiveFrames, FollowedManager, OutputAuthorization, Secret
+from heronry_agent.core.canopen import CanopenNode, Parts
+from heronry_agent.core.configuration import ActiveConfiguration
+from heronry_agent.core.forwarding import Gateway
+from heronry_agent.core.modules import RunningModules
+from heronry_agent.core.reports import Facts
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Action, Note

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.authority import Secret
 from heronry_agent.core.vocabulary import Action, Event, Heard, ModuleEvent, Note, NotReady, StepModule
 from heronry_agent.module import Value
 from heronry_tools.aircraft.plant import Plant

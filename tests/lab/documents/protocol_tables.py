@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from itertools import groupby
 
-from heronry_agent.core import radio_queue
+from heronry_agent.core.forwarding import CAPACITY
 from heronry_manager.core.epochs import EPOCHS_PER_TERM
 from heronry_wire import canopen_objects, capacities, gateway_report, link, management, state_frames, transmit_queue
 from heronry_wire import protocol_times as promised
@@ -235,7 +235,7 @@ def times() -> str:
         ),
         (
             "radio queue",
-            f"{radio_queue.CAPACITY} frames",
+            f"{CAPACITY} frames",
             "at a gateway; if it is full, the least urgent frame is dropped",
         ),
         (

@@ -8,8 +8,8 @@ commands are tagged: otherwise no command would pass the first check.
 from functools import cache, partial
 
 from heronry_agent.core.agent import AgentCore
-from heronry_agent.core.authenticity import Secret
-from heronry_agent.core.sdo_server import SdoServer
+from heronry_agent.core.authority import Secret
+from heronry_agent.core.canopen import SdoServer
 from heronry_agent.core.vocabulary import (
     Action,
     Drive,

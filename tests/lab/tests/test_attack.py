@@ -2,7 +2,7 @@
 
 import pytest
 
-from heronry_agent.core.output_authorization import OutputAuthorization
+from heronry_agent.core.authority import OutputAuthorization
 from heronry_tools.console.spec_files import load_spec
 from heronry_wire.authentication import Key
 from heronry_wire.command_tags import CommandVerifier, Held, Refusal

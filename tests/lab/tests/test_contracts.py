@@ -23,8 +23,16 @@ class Breach(NamedTuple):
     imported: str
 
 
-# A file of each room of the manager's core: others import the room, and no file of it.
-INSIDE_A_ROOM = {
+# A file of each room of the cores: others import the room, and no file of it.
+INSIDE_A_ROOM_OF_THE_AGENT = {
+    "authority": "followed_manager",
+    "canopen": "sdo_server",
+    "configuration": "staging",
+    "forwarding": "gateway",
+    "modules": "schedule",
+    "reports": "faults",
+}
+INSIDE_A_ROOM_OF_THE_MANAGER = {
     "authentication": "authenticity",
     "epochs": "deployment",
     "heartbeat": "beat",
@@ -41,8 +49,17 @@ BREACHES = {
         f"The room {room} of the manager's core is entered by its door": Breach(
             "manager/heronry_manager/shell", f"heronry_manager.core.{room}.{file}"
         )
-        for room, file in INSIDE_A_ROOM.items()
+        for room, file in INSIDE_A_ROOM_OF_THE_MANAGER.items()
     },
+    **{
+        f"The room {room} of the agent's core is entered by its door": Breach(
+            "pe_agent/heronry_agent/shell", f"heronry_agent.core.{room}.{file}"
+        )
+        for room, file in INSIDE_A_ROOM_OF_THE_AGENT.items()
+    },
+    "Rooms of the agent's core: each imports only what stands below it": Breach(
+        "pe_agent/heronry_agent/core/reports", "heronry_agent.core.modules"
+    ),
     "Rooms of the manager's core: each imports only what stands below it": Breach(
         "manager/heronry_manager/core/membership", "heronry_manager.core.epochs"
     ),

@@ -12,9 +12,9 @@ from typing import TypeVar
 import pytest
 import yaml
 
-from heronry_agent.core.active_configuration import ActiveConfiguration
-from heronry_agent.core.publishing import Publisher
-from heronry_agent.core.staging import Configured
+from heronry_agent.core.configuration import ActiveConfiguration
+from heronry_agent.core.configuration.staging import Configured
+from heronry_agent.core.modules.publishing import Publisher
 from heronry_agent.core.table_index import TableIndex
 from heronry_dg import gates, model, verify
 from heronry_dg.keys import key_names

@@ -128,7 +128,7 @@ def mutant_of(file: str, function: str) -> Mutant:
 
 
 def test_a_mutant_that_a_flight_notices_is_killed_and_one_that_no_flight_runs_survives() -> None:
-    silenced = mutant_of("pe_agent/heronry_agent/core/reporting.py", "Reporting._page_0")
+    silenced = mutant_of("pe_agent/heronry_agent/core/reports/reporting.py", "Reporting._page_0")
     unrun = mutant_of("manager/heronry_manager/core/intake/operator_orders.py", "OperatorOrders._unlock")
     # As for a user, in a process that has imported the flight code alone before it forks.
     told = subprocess.run(

@@ -18,7 +18,7 @@ from contextlib import suppress
 from typing import Any
 
 from heronry_agent.core.restarts import Restarts
-from heronry_agent.core.schedule import NS_MHZ
+from heronry_agent.core.step_times import NS_MHZ
 from heronry_agent.device import Reading
 from heronry_agent.module import Value
 from heronry_agent.shell.device_choice import RealDriver

@@ -49,10 +49,16 @@ _COMPILED = {
     "heronry_wire": "authentication canaerospace command_tags configuration_slice frame gateway_report "
     "identifiers layout management packing protocol_times sansio silence state_frames timing",
     "heronry_agent": "module",
-    "heronry_agent.core": "active_configuration agent authenticity canopen_node command_acceptance condition deadlines "
-    "exclusive_frames faults followed_manager gateway inbound link_meter mailboxes nonces notices output_authorization "
-    "passing_welcomes phase_requests publishing radio_port radio_queue radios reporting restarts running_modules "
-    "schedule silence_reports silence_watch staging state_seal table_index turn vocabulary without_manager",
+    "heronry_agent.core": "agent command_acceptance condition deadlines inbound restarts step_times table_index turn "
+    "vocabulary",
+    "heronry_agent.core.authority": "authenticity exclusive_frames followed_manager nonces output_authorization "
+    "passing_welcomes state_seal",
+    "heronry_agent.core.canopen": "canopen_node",
+    "heronry_agent.core.configuration": "active_configuration staging",
+    "heronry_agent.core.forwarding": "gateway link_meter radio_port radio_queue radios",
+    "heronry_agent.core.modules": "mailboxes notices phase_requests publishing running_modules schedule silence_watch "
+    "without_manager",
+    "heronry_agent.core.reports": "faults reporting silence_reports",
     "heronry_agent.parts": "reading",
     "heronry_agent.shell": "module_runner reading_watch start_orders",
     "heronry_manager.core": "knowledge manager turn vocabulary",

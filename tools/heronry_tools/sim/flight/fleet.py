@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.authority import Secret
 from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.flight.truth import Truth
 from heronry_tools.sim.flight.wiring import Wiring

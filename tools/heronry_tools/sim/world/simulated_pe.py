@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 from heronry_agent.core.agent import AgentCore
-from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.authority import Secret
 from heronry_agent.core.vocabulary import (
     Action,
     ChannelsLost,

@@ -14,7 +14,7 @@ term begins, the PE sends its standing requests again. Each request keeps its nu
 twice. A restart of the PE drops its requests; the manager keeps the priorities.
 """
 
-from heronry_agent.core.faults import Faults
+from heronry_agent.core.reports import Faults
 from heronry_wire.frame import Frame
 
 

@@ -30,7 +30,7 @@ again (`without_manager`), or when a new configuration contains the module.
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from heronry_agent.core.staging import UNCONFIGURED, Configured
+from heronry_agent.core.configuration.staging import UNCONFIGURED, Configured
 from heronry_agent.core.table_index import TableIndex
 from heronry_wire.management import NO_EPOCH, Step
 from heronry_wire.sansio import require

@@ -14,8 +14,8 @@ waiting for it and sends the next one. This also happens if the frame has left b
 overrun of a receive queue; then the port has idled for that period.
 """
 
-from heronry_agent.core.link_meter import LinkMeter
-from heronry_agent.core.radio_queue import RadioQueue, is_patient
+from heronry_agent.core.forwarding.link_meter import LinkMeter
+from heronry_agent.core.forwarding.radio_queue import RadioQueue, is_patient
 from heronry_agent.core.table_index import TableIndex
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkState

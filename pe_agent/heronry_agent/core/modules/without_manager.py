@@ -19,9 +19,9 @@ came in the pause are handled before the deadline of the lease is checked, so a 
 can only start modules of the present configuration. After a restart the PE runs nothing.
 """
 
-from heronry_agent.core.active_configuration import ActiveConfiguration, Moves
-from heronry_agent.core.followed_manager import FollowedManager
-from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.authority import FollowedManager
+from heronry_agent.core.configuration import ActiveConfiguration, Moves
+from heronry_agent.core.modules.running_modules import RunningModules
 from heronry_agent.core.turn import Turn
 from heronry_wire.sansio import NEVER_NS
 

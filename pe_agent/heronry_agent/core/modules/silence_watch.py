@@ -35,9 +35,10 @@ silence is found at most one heartbeat period late.
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
-from heronry_agent.core.mailboxes import Mailbox, Mailboxes
-from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.silence_reports import SilenceReports
+from heronry_agent.core.authority import OutputAuthorization
+from heronry_agent.core.modules.mailboxes import Mailbox, Mailboxes
+from heronry_agent.core.reports import SilenceReports
+from heronry_agent.core.step_times import NS_MHZ
 from heronry_agent.core.table_index import TableIndex
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
@@ -48,7 +49,6 @@ from heronry_wire.sansio import NEVER_NS
 from heronry_wire.silence import Silence
 
 _PAUSED_PERIODS = 2  # after so many heartbeat periods without a look, this process was paused
-_NS_MHZ = 1_000_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ class SilenceWatch:
         if not self._mailboxes.supply_all(module, leaves, now_ns):
             self.held(module, now_ns)
             return
-        period_ns = _NS_MHZ // entry.modes[mode].rate_mhz
+        period_ns = NS_MHZ // entry.modes[mode].rate_mhz
         since_ns = max(now_ns - period_ns, self._begun_ns.get(module, now_ns))
         self.withholding[module] = {variable: withheld.get(variable, since_ns) for variable in missing}
         self._next_ns = min(self._next_ns, now_ns)
@@ -215,7 +215,7 @@ class SilenceWatch:
         next_ns = NEVER_NS
         for module, withheld in self.withholding.items():
             mode = self._index.modules[module].modes[modes[module]]
-            limit_ns = silent_after_ns(_NS_MHZ // mode.rate_mhz, self._index.lease_ns)
+            limit_ns = silent_after_ns(NS_MHZ // mode.rate_mhz, self._index.lease_ns)
             for variable, since_ns in withheld.items():
                 if self._is_silent(module, variable):
                     continue

@@ -18,11 +18,11 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from heronry_agent.core.network_management import NetworkManagement, NmtOutcome
-from heronry_agent.core.node_services import NodeServices
-from heronry_agent.core.object_dictionary import Locked
-from heronry_agent.core.pe_objects import Parts, PeObjects
-from heronry_agent.core.sdo_server import SdoServer
+from heronry_agent.core.canopen.network_management import NetworkManagement, NmtOutcome
+from heronry_agent.core.canopen.node_services import NodeServices
+from heronry_agent.core.canopen.object_dictionary import Locked
+from heronry_agent.core.canopen.pe_objects import Parts, PeObjects
+from heronry_agent.core.canopen.sdo_server import SdoServer
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import NMT_ID, sdo_request_id, sdo_response_id

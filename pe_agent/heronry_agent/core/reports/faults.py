@@ -42,7 +42,7 @@ keeps its own record.
 from collections.abc import Collection
 from dataclasses import replace
 
-from heronry_agent.core.error_history import ErrorHistory
+from heronry_agent.core.reports.error_history import ErrorHistory
 from heronry_wire.canaerospace import ErrorReport, encode_emergency_event
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id

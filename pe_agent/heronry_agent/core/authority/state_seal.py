@@ -20,7 +20,7 @@ them in turn.
 
 from collections.abc import Callable, Sequence
 
-from heronry_agent.core.followed_manager import FollowedManager
+from heronry_agent.core.authority.followed_manager import FollowedManager
 from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, PAGE_1_BEAT, Key, Session
 
 

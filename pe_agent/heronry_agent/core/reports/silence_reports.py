@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import replace
 
-from heronry_agent.core.faults import Faults
+from heronry_agent.core.reports.faults import Faults
 from heronry_wire.frame import Frame
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 from heronry_wire.protocol_times import SILENCE_REPORT_NS

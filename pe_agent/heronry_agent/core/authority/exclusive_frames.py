@@ -7,7 +7,7 @@ wait for the bus are withdrawn: another PE may send under their identifiers from
 
 from collections.abc import Collection
 
-from heronry_agent.core.gateway import Gateway
+from heronry_agent.core.forwarding import Gateway
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 

@@ -35,8 +35,8 @@ present one is an origin of the rule.
 
 from dataclasses import dataclass
 
-from heronry_agent.core.faults import Faults
-from heronry_agent.core.schedule import NS_MHZ
+from heronry_agent.core.reports import Faults
+from heronry_agent.core.step_times import NS_MHZ
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.module import Value
 from heronry_wire.frame import Frame

@@ -17,14 +17,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 
-from heronry_agent.core.active_configuration import ActiveConfiguration
-from heronry_agent.core.authenticity import Authenticity
-from heronry_agent.core.followed_manager import FollowedManager
-from heronry_agent.core.network_management import NetworkManagement
-from heronry_agent.core.node_services import NodeServices
-from heronry_agent.core.object_dictionary import ObjectDictionary
-from heronry_agent.core.reporting import Facts
-from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.authority import Authenticity, FollowedManager
+from heronry_agent.core.canopen.network_management import NetworkManagement
+from heronry_agent.core.canopen.node_services import NodeServices
+from heronry_agent.core.canopen.object_dictionary import ObjectDictionary
+from heronry_agent.core.configuration import ActiveConfiguration
+from heronry_agent.core.modules import RunningModules
+from heronry_agent.core.reports import Facts
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Failure

@@ -26,7 +26,7 @@ unconfigured, and the manager begins anew.
 
 from dataclasses import dataclass
 
-from heronry_agent.core.slice_reading import SliceReader
+from heronry_agent.core.configuration.slice_reading import SliceReader
 from heronry_wire.capacities import MOST_SLICE_BYTES
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.management import NO_EPOCH, SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, is_newer

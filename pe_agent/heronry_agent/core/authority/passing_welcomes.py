@@ -9,7 +9,7 @@ gateway waits for the TAG of a forwarded WELCOME for T_lease at most.
 
 from collections import deque
 
-from heronry_agent.core.gateway import Gateway
+from heronry_agent.core.forwarding import Gateway
 from heronry_agent.core.turn import Turn
 from heronry_wire.frame import Frame
 

@@ -54,12 +54,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from heronry_agent.core.followed_manager import FollowedManager
-from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.nonces import Nonces
-from heronry_agent.core.passing_welcomes import PassingWelcomes
-from heronry_agent.core.reporting import Facts
-from heronry_agent.core.state_seal import StateSeal
+from heronry_agent.core.authority.followed_manager import FollowedManager
+from heronry_agent.core.authority.nonces import Nonces
+from heronry_agent.core.authority.passing_welcomes import PassingWelcomes
+from heronry_agent.core.authority.state_seal import StateSeal
+from heronry_agent.core.forwarding import Gateway
+from heronry_agent.core.reports import Facts
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_wire.authentication import Key

@@ -5,7 +5,7 @@ that comes from the radio. Each call of the core by its driver ends with a list 
 radios out of this list, and queues them. Then it adds to the list those queued frames that may be sent now.
 """
 
-from heronry_agent.core.radio_port import RadioPort
+from heronry_agent.core.forwarding.radio_port import RadioPort
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Action

@@ -32,20 +32,19 @@ not follow its command, although its servo is healthy. The reporting module is s
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from heronry_agent.core.active_configuration import ActiveConfiguration, Moves
-from heronry_agent.core.echo_pace import EchoPace
-from heronry_agent.core.failure_texts import FailureTexts
-from heronry_agent.core.faults import Faults
-from heronry_agent.core.mailboxes import Mailboxes
-from heronry_agent.core.notices import Notices
-from heronry_agent.core.output_authorization import OutputAuthorization
-from heronry_agent.core.phase_requests import PhaseRequests
-from heronry_agent.core.priority_requests import PriorityRequests
-from heronry_agent.core.publishing import Publisher
+from heronry_agent.core.authority import OutputAuthorization
+from heronry_agent.core.configuration import ActiveConfiguration, Moves
+from heronry_agent.core.modules.echo_pace import EchoPace
+from heronry_agent.core.modules.failure_texts import FailureTexts
+from heronry_agent.core.modules.mailboxes import Mailboxes
+from heronry_agent.core.modules.notices import Notices
+from heronry_agent.core.modules.phase_requests import PhaseRequests
+from heronry_agent.core.modules.priority_requests import PriorityRequests
+from heronry_agent.core.modules.publishing import Publisher
+from heronry_agent.core.modules.schedule import Schedule
+from heronry_agent.core.modules.silence_watch import SilenceWatch
+from heronry_agent.core.reports import Faults, SilenceReports
 from heronry_agent.core.restarts import Restarts
-from heronry_agent.core.schedule import Schedule
-from heronry_agent.core.silence_reports import SilenceReports
-from heronry_agent.core.silence_watch import SilenceWatch
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import (

@@ -27,21 +27,11 @@ from collections import Counter
 from collections.abc import Iterator, KeysView, Mapping
 from dataclasses import dataclass
 
-from heronry_wire.protocol_times import FRESH_PERIODS
+from heronry_agent.core.step_times import HUNG_NS, NS_MHZ, hung_ns
 from heronry_wire.sansio import NEVER_NS
 
 OVERRUNS_IN_A_ROW = 10
-HUNG_NS = 100_000_000
-
-NS_MHZ = 1_000_000_000_000
-"""Divided by a rate in mHz, this constant gives the period in ns (10^9 ns/s times 10^3 mHz/Hz)."""
-
 _PATIENCE = 4  # a module waits for the modules whose outputs it reads, for at most 1/4 of its period
-
-
-def hung_ns(rate_mhz: int) -> int:
-    """Time in ns that a step may spend; after that the module, which runs at `rate_mhz`, counts as hanging."""
-    return max(HUNG_NS, FRESH_PERIODS * NS_MHZ // rate_mhz)
 
 
 @dataclass(slots=True)

@@ -18,7 +18,7 @@ effect of a true one: the node sends a few frames more, and no output is affecte
 
 from collections.abc import Callable
 
-from heronry_agent.core.network_management import NetworkManagement
+from heronry_agent.core.canopen.network_management import NetworkManagement
 from heronry_wire.canaerospace import DataType
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import IdentificationService
