@@ -29,8 +29,10 @@ from heronry_agent.drivers.canaerospace import ForeignDatum, ForeignNode
 from heronry_agent.drivers.gpio import GpioLine
 from heronry_agent.drivers.gpsd import Gpsd, GpsdLines, position_of
 from heronry_agent.drivers.iio import IioInput, IioOutput
+from heronry_agent.drivers.iio_buffer import Element, IioBuffer, Scan, places
 from heronry_agent.drivers.nmea import NmeaPositions, NmeaReceiver, fields_of
 from heronry_agent.drivers.pwm import PwmServo, pulse_ns
+from heronry_agent.drivers.sysfs_number import SysfsOutput
 from heronry_agent.shell.driver_catalogue import UnknownDriverError, load_driver
 from heronry_wire.bare_can import can
 from heronry_wire.canaerospace import DataType, Datum, ErrorReport, encode_data, encode_emergency_event
@@ -342,7 +344,7 @@ def chip_folder(root: Path, number: int = 0, name: str = "adc081c", **files: str
     return folder
 
 
-def iio(root: Path, channel: str, device: str = "adc081c", **more: float) -> dict[str, object]:
+def iio(root: Path, channel: str, device: str = "adc081c", **more: object) -> dict[str, object]:
     return {"device": device, "channel": channel, "root": str(root), **more}
 
 
@@ -378,6 +380,108 @@ def test_an_iio_device_that_is_not_there_is_told_with_what_is(tmp_path: Path) ->
         IioInput(setup_of(IioInput, **iio(tmp_path, "in_voltage")))
     with pytest.raises(NotConnectedError, match="has no channel in_pressure"):
         IioInput(setup_of(IioInput, **iio(tmp_path, "in_pressure", "iio:device0")))
+
+
+def test_a_unit_that_the_kernel_cannot_tell_is_refused_and_the_register_can_be_taken_as_it_is(tmp_path: Path) -> None:
+    folder = tmp_path / "iio:device0"
+    folder.mkdir()
+    for file, text in {"name": "0-0054", "in_voltage_raw": "110", "in_voltage_scale": ""}.items():
+        (folder / file).write_text(text)
+    with pytest.raises(NotConnectedError, match=r"in_voltage_scale .* cannot tell .* option 'raw'"):
+        IioInput(setup_of(IioInput, **iio(tmp_path, "in_voltage", "0-0054")))
+    assert IioInput(setup_of(IioInput, **iio(tmp_path, "in_voltage", "0-0054", raw=True))).read() == 110.0
+
+
+@pytest.mark.parametrize(
+    ("text", "data", "number"),
+    [
+        ("le:u8/16>>4", "e006", 110),  # of the ADC081C
+        ("le:s12/16>>4", "f0ff", -1),
+        ("be:s16/32>>0", "00008000", -32768),
+        ("le:s64/64>>0", "0100000000000000", 1),
+        ("be:u24/32>>8", "01020304", 0x010203),
+    ],
+)
+def test_an_element_of_a_sample_is_read_by_its_type(text: str, data: str, number: int) -> None:
+    assert Element.of(text + "\n").number(bytes.fromhex(data)) == number
+
+
+@pytest.mark.parametrize("text", ["le:u17/16>>0", "le:u8/16X2>>4", "u8/16", ""])
+def test_a_type_that_is_not_understood_is_refused(text: str) -> None:
+    with pytest.raises(NotConnectedError, match="not understood"):
+        Element.of(text)
+
+
+def test_elements_of_a_sample_begin_at_multiples_of_their_sizes() -> None:
+    byte, word, long = (Element.of(f"le:u{bits}/{bits}>>0") for bits in (8, 16, 64))
+    assert places((byte, word, long)) == ((0, 2, 8), 16)
+    assert places((long, byte)) == ((0, 8), 16)
+    assert places((word,)) == ((0,), 2)
+
+
+@given(st.binary(max_size=70), st.booleans())
+def test_the_last_whole_sample_counts_whatever_comes(data: bytes, time_first: bool) -> None:
+    scan = Scan(Element.of("le:u8/16>>4"), Element.of("le:s64/64>>0"), time_first=time_first)
+    found = scan.newest(data)
+    assert (found is None) is (len(data) < scan.size == 16)
+    assert found is None or 0 <= found[0] <= 255
+
+
+def buffered(root: Path) -> Path:
+    """The files of an ADC081C as the kernel 6.1 has them; a pipe stands for the device."""
+    folder = root / "iio:device0"
+    files = {
+        "name": "0-0054", "current_timestamp_clock": "realtime", "buffer/enable": "0", "buffer/length": "2",
+        "trigger/current_trigger": "", "scan_elements/in_voltage_en": "0", "scan_elements/in_voltage_index": "0",
+        "scan_elements/in_voltage_type": "le:u8/16>>4", "scan_elements/in_temp_en": "1",
+        "scan_elements/in_timestamp_en": "0", "scan_elements/in_timestamp_index": "1",
+        "scan_elements/in_timestamp_type": "le:s64/64>>0", "in_voltage_scale": "2",
+    }  # fmt: skip
+    for file, text in files.items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_text(text)
+    (root / "dev").mkdir()
+    os.mkfifo(root / "dev" / "iio:device0")
+    return folder
+
+
+def test_a_buffer_is_set_up_and_its_newest_sample_has_the_kernels_time(tmp_path: Path) -> None:
+    folder = buffered(tmp_path)
+    more = {"trigger": "timer1", "devices": str(tmp_path / "dev"), "offset": 1}
+    driver = IioBuffer(setup_of(IioBuffer, **iio(tmp_path, "in_voltage", "0-0054", **more)))
+    said = {one: (folder / one).read_text() for one in ("trigger/current_trigger", "current_timestamp_clock")}
+    assert said == {"trigger/current_trigger": "timer1", "current_timestamp_clock": "monotonic"}
+    enabled = {one.name: one.read_text() for one in (folder / "scan_elements").glob("*_en")}
+    assert enabled == {"in_voltage_en": "1", "in_temp_en": "0", "in_timestamp_en": "1"}
+    assert [(folder / "buffer" / one).read_text() for one in ("length", "enable")] == ["16", "1"]
+    assert driver.read() is None
+    with (tmp_path / "dev" / "iio:device0").open("wb", buffering=0) as kernel:
+        kernel.write(b"".join(struct.pack("<H6xq", raw << 4, at) for raw, at in ((109, 5), (110, 7))))
+        assert driver.read() == Measured(221.0, 7)
+    driver.close()
+    assert (folder / "buffer/enable").read_text() == "0"
+
+
+def test_a_buffer_that_the_kernel_does_not_begin_names_the_trigger(tmp_path: Path) -> None:
+    folder = buffered(tmp_path)
+    (folder / "buffer" / "enable").unlink()
+    (folder / "buffer" / "enable").mkdir()
+    with pytest.raises(NotConnectedError, match=r"does not begin the buffer .* which the option 'trigger' names"):
+        IioBuffer(setup_of(IioBuffer, **iio(tmp_path, "in_voltage", "0-0054")))
+    with pytest.raises(NotConnectedError, match="has no channel in_voltage7 in its buffer"):
+        IioBuffer(setup_of(IioBuffer, **iio(tmp_path, "in_voltage7", "0-0054")))
+
+
+def test_a_file_of_the_kernel_gets_the_nearest_whole_number(tmp_path: Path) -> None:
+    file = tmp_path / "rdac0"
+    with pytest.raises(NotConnectedError, match="load the kernel's driver of the chip"):
+        SysfsOutput(setup_of(SysfsOutput, file=str(file)))
+    file.write_text("0")
+    with pytest.raises(OptionError, match="'scale' must not be 0"):
+        SysfsOutput(setup_of(SysfsOutput, file=str(file), scale=0))
+    driver = SysfsOutput(setup_of(SysfsOutput, file=str(file), scale=0.5, offset=-10))
+    assert driver.command(2.2) == 2.0
+    assert file.read_text() == "24"
 
 
 def test_a_servo_gets_pulses_and_loses_them_when_it_is_released(tmp_path: Path) -> None:

@@ -9,10 +9,12 @@ a small class of `heronry_agent.device_driver`, which has the input and output. 
     nmea           a satellite receiver on a serial line         position
     canaerospace   a node that is no PE, on a bus of the PE      the value of its datum
     iio            a channel of an IIO chip, in                  raw value x scale, or volts, degrees ... of the chip
+    iio_buffer     the same, sampled by a trigger                the same
     iio_out        a channel of an IIO chip, out                 the same
     bmp280         a barometer on I2C                            hPa
     ms5611         a barometer on I2C                            hPa
     pwm            a servo on a PWM output                       degrees, or what `from` and `to` say
+    sysfs_out      a file of the kernel that takes a number      whatever `scale` and `offset` make of it
     gpio           a burn wire or solenoid on a GPIO line        1 on, 0 off
 
 A position is a tuple of four whole numbers: latitude and longitude in 1e-7 degrees (north and east are positive),
@@ -28,8 +30,10 @@ SHIPPED: Final[Mapping[str, str]] = {
     "gpio": "heronry_agent.drivers.gpio:GpioLine",
     "gpsd": "heronry_agent.drivers.gpsd:Gpsd",
     "iio": "heronry_agent.drivers.iio:IioInput",
+    "iio_buffer": "heronry_agent.drivers.iio_buffer:IioBuffer",
     "iio_out": "heronry_agent.drivers.iio:IioOutput",
     "ms5611": "heronry_agent.drivers.ms5611:Ms5611",
     "nmea": "heronry_agent.drivers.nmea:NmeaReceiver",
     "pwm": "heronry_agent.drivers.pwm:PwmServo",
+    "sysfs_out": "heronry_agent.drivers.sysfs_number:SysfsOutput",
 }

@@ -8,9 +8,9 @@ Each device has one driver (`device_choice`). A simulated device is opened by an
 `heronry.devices`, which runs in the agent's process: it is foreign code, but its exceptions do not end a running agent.
 After an exception a reading counts as missing, and a command as failed (`DriveFailed`). If it blocks, the agent's loop
 waits. A real device has a process of its own (`device_processes`), so that neither its code nor its hardware disturbs
-the agent.
+the agent. A simulated sensor of which the spec says something is late as a real one would be (`simulated_sensor`).
 
-If a real device has failed, the report goes out with the answer to the next step of its module, as if the module had
+If a device has failed, the report goes out with the answer to the next step of its module, as if the module had
 reported it.
 """
 
@@ -57,6 +57,14 @@ class RealDevice(Device, Protocol):
 
     def close(self) -> None:
         """End the process."""
+
+
+@runtime_checkable
+class Watched(Device, Protocol):
+    """A device that knows when it has failed: a real one, or a simulated sensor with a deadline."""
+
+    def is_failed(self, now_ns: int) -> bool:
+        """Tell whether the device is to be reported failed."""
 
 
 class DeviceDriverError(HeronryError):
@@ -132,23 +140,32 @@ class Devices:
         self._drivers = drivers
         self._every_driver = tuple({id(driver): driver for driver in drivers.values()}.values())
         self._opened: dict[str, Device] = {}
+        sensors = {device.name for device in table.devices if device.kind == "sensor"}
+        self._stale_ns = {entry.device: entry.stale_ns for entry in table.drivers if entry.device in sensors}
         self._names = {module.index: module.device for module in table.modules}
         self._bolted_to = {module.index: self._open(module.device) for module in table.modules}
         self.real = tuple(device for device in self._opened.values() if isinstance(device, RealDevice))
-        self._real_of = {module: device for module, device in self._bolted_to.items() if isinstance(device, RealDevice)}
+        self._watched = {module: device for module, device in self._bolted_to.items() if isinstance(device, Watched)}
 
     def _open(self, name: str | None) -> Device | None:
         if name is None:
             return None
         if name not in self._opened:
             try:
-                self._opened[name] = self._drivers[name].open(name)
+                self._opened[name] = self._judged(name, self._drivers[name].open(name))
             except Exception as error:
                 raise DeviceDriverError(
                     f"device {name} cannot be opened by its driver: {one_line(error)}; "
                     "check the device and its connection, or name another driver"
                 ) from error
         return self._opened[name]
+
+    def _judged(self, name: str, device: Device) -> Device:
+        if isinstance(device, Watched) or name not in self._stale_ns:
+            return device
+        from heronry_agent.shell.simulated_sensor import SimulatedSensor  # noqa: PLC0415 - few specs need it
+
+        return SimulatedSensor(device, self._stale_ns[name])
 
     def followed(self) -> frozenset[str]:
         """Return the names of other PEs' actuators whose output echoes the drivers need; raises DeviceDriverError."""
@@ -208,8 +225,8 @@ class Devices:
             _make_safe(device, now_ns)
 
     def reports(self, module: int, now_ns: int) -> tuple[tuple[str, int], ...]:
-        """Return the report that the real device of a module has failed, as a module would give it, or none."""
-        device = self._real_of.get(module)
+        """Return the report that the device of a module has failed, as a module would give it, or none."""
+        device = self._watched.get(module)
         if device is not None and device.is_failed(now_ns):
             return ((f"device:{self._names[module]}", 0),)
         return ()

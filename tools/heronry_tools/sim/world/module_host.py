@@ -74,7 +74,8 @@ class ModuleHost:
         result = self._runner.step(action.module, now_ns, action.until_ns, reading, action.inputs)
         if isinstance(result, Failure):
             return StepFailed(action.module, action.release, *result)
-        said = result.outputs, result.writes, result.reports, result.phases
+        reports = result.reports + self._devices.reports(action.module, now_ns)
+        said = result.outputs, result.writes, reports, result.phases
         return Stepped(
             action.module, action.release, *said, priorities=result.priorities, misspelt_inputs=result.misspelt
         )

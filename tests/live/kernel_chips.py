@@ -1,0 +1,89 @@
+"""Chips that the kernel's own drivers find, though they are registers in memory: i2c-stub in a user-mode Linux.
+
+0x54   ADC081C      analogue-to-digital converter, by Industrial I/O
+0x2c   AD5241       digital potentiometer: the file rdac0
+0x76   BMP280       barometer; no driver of the kernel has it, so it is raw registers
+"""
+
+import os
+import struct
+import subprocess
+from pathlib import Path
+
+import pytest
+from smbus2 import SMBus
+
+from heronry_agent.drivers import bmp280
+from heronry_tools.runtime.vcan.debian_packages import cache_folder
+
+ADC081C, AD5241, BMP280 = 0x54, 0x2C, 0x76
+_BUS = 0
+_MODULES = (
+    *("i2c-core", "i2c-dev", "regmap-i2c", "industrialio", "configfs", "kfifo_buf", "industrialio-triggered-buffer"),
+    *("ti-adc081c", "ad525x_dpot", "ad525x_dpot-i2c"),
+)
+# The example of the data sheet's section 3.12: 100653.27 Pa.
+CALIBRATION = struct.pack("<HhhH8h", 27504, 26435, -1000, 36477, -10685, 3024, 2855, 140, -7, 15500, -14600, 6000)
+RAW_PRESSURE, RAW_TEMPERATURE = 415148, 519888
+_STILL_MEASURING = 0x08
+
+
+class Chips:
+    """The registers of the chips, and what the kernel makes of them."""
+
+    wiper = Path(f"/sys/bus/i2c/devices/{_BUS}-{AD5241:04x}/rdac0")
+    _orders = Path(f"/sys/bus/i2c/devices/i2c-{_BUS}")
+
+    def __init__(self) -> None:
+        """Load the kernel's modules, once, and put the chips on the bus; skips the test where that cannot be."""
+        if os.geteuid() != 0:
+            pytest.skip("only root may load the kernel's drivers of chips")
+        if not self._orders.exists():
+            _load()
+        self._bus = SMBus(_BUS, force=True)
+        self.measure(1)
+        for chip, address in (("adc081c", ADC081C), ("ad5241", AD5241)):
+            if not Path(f"/sys/bus/i2c/devices/{_BUS}-{address:04x}").exists():
+                (self._orders / "new_device").write_text(f"{chip} 0x{address:02x}")
+        self._fill(bmp280.CHIP_ID, bytes([bmp280.ID]))
+        self._fill(bmp280.STATUS, bytes(1))
+        self._fill(bmp280.CALIBRATION, CALIBRATION)
+        self._fill(bmp280.DATA, (RAW_PRESSURE << 28 | RAW_TEMPERATURE << 4).to_bytes(6))
+
+    def _fill(self, register: int, data: bytes) -> None:
+        for place, byte in enumerate(data, register):
+            self._bus.write_byte_data(BMP280, place, byte)
+
+    def measure(self, raw: int) -> None:
+        """Let the converter measure: eight bits, which stand in bits 4 to 11 of its register."""
+        self._bus.write_word_data(ADC081C, 0, int.from_bytes((raw << 4).to_bytes(2), "little"))
+
+    def converter(self) -> str:
+        """Return the name that the kernel gives to the converter: its place on the bus."""
+        return f"{_BUS}-{ADC081C:04x}"
+
+    def register(self) -> int:
+        """Return what the potentiometer holds."""
+        return int(self.wiper.read_text())
+
+    def take_converter_away(self) -> None:
+        """Take the converter from the bus: its files go."""
+        (self._orders / "delete_device").write_text(f"0x{ADC081C:02x}")
+
+    def let_barometer_hang(self) -> None:
+        """Let the barometer measure without an end."""
+        self._fill(bmp280.STATUS, bytes([_STILL_MEASURING]))
+
+
+def _load() -> None:
+    busybox = str(cache_folder() / "busybox-static/bin/busybox")
+    kernel = cache_folder() / "user-mode-linux"
+    chips = ",".join(f"0x{address:02x}" for address in (ADC081C, AD5241, BMP280))
+    for name, *parameters in (*((module,) for module in _MODULES), ("i2c-stub", f"chip_addr={chips}")):
+        file = next(kernel.glob(f"usr/lib/uml/modules/{os.uname().release}/kernel/**/{name}.ko*"), None)
+        if file is None:
+            pytest.skip(f"this kernel is no user-mode Linux of Debian with the module {name}")
+        loaded = subprocess.run(
+            [busybox, "insmod", str(file), *parameters], capture_output=True, text=True, check=False
+        )
+        assert loaded.returncode == 0 or "File exists" in loaded.stderr, loaded.stderr
