@@ -32,6 +32,7 @@ OTHER_BYTES = {
     "heronry_agent/core/canopen/object_dictionary.py": "the value of an object, which SDO carries",
     "heronry_agent/core/canopen/sdo_server.py": "what a transfer carries",
     "heronry_agent/drivers/bmp280.py": "registers of a chip",
+    "heronry_agent/drivers/iio_buffer.py": "samples that the kernel keeps",
     "heronry_agent/drivers/ms5611.py": "registers of a chip",
     "heronry_agent/shell/device_processes/shared_block.py": "memory that an agent shares with a process",
     "heronry_agent/shell/partition_messages.py": "what a partition and its agent say to each other",
