@@ -15,17 +15,20 @@ from heronry_agent.module import Value
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import state_id
+from heronry_wire.identifiers import emcy_id, state_id
 from heronry_wire.management import (
     Activate,
     Alive,
     Control,
+    Emergency,
+    FaultCode,
     Lease,
     Ping,
     Prepare,
     SliceBody,
     SliceHead,
     Step,
+    decode_emergency,
 )
 from heronry_wire.pe_table import (
     DeviceEntry,
@@ -128,6 +131,7 @@ RUN_SERVO_1 = ModuleSlice(SERVO_1, 0, (DEMAND,))
 RUN_SERVO_2 = ModuleSlice(SERVO_2, 0, (DEMAND,))
 RUN_MONITOR = ModuleSlice(MONITOR, 0, (RATE, ALARM))
 
+WATCHED = Slice((RUN_CONTROL, RUN_MONITOR), remote={RATE: NEIGHBOUR})
 FLYING = Slice((RUN_CONTROL, RUN_SERVO_1), remote={RATE: NEIGHBOUR}, publish={DEMAND: 1})
 
 Message = Lease | Alive | Prepare | SliceHead | SliceBody | Activate | Ping | Control
@@ -234,6 +238,12 @@ def sent(actions: list[Action], identifier: int, port: int | None = None) -> lis
     """Frames under an identifier, on any port or one."""
     sends = [action for action in actions if isinstance(action, Send)]
     return [s.frame for s in sends if s.frame.can_id == identifier and port in (None, s.port)]
+
+
+def emergencies(actions: list[Action], code: FaultCode | None = None, port: int | None = None) -> list[Emergency]:
+    """Return the EMCYs that go out: those with this code, if one is given."""
+    told = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE), port)]
+    return [one for one in told if isinstance(one, Emergency) and code in (None, one.code)]
 
 
 def pages(actions: list[Action], port: int = 0) -> list[StatePage0 | StatePage1]:

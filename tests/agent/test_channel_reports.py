@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from agent.one_pe import BEAT_NS, GATEWAY_TABLE, MS, NODE, OnePe, sent
+from agent.one_pe import BEAT_NS, GATEWAY_TABLE, MS, NODE, OnePe, emergencies, sent
 from heronry_agent.core.vocabulary import Action, ChannelsLost
 from heronry_wire.identifiers import emcy_id
-from heronry_wire.management import ElementKind, Emergency, FaultCode, decode_emergency
+from heronry_wire.management import ElementKind, FaultCode
 from heronry_wire.pe_table import PeTable
 from heronry_wire.protocol_times import CHANNEL_REPORT_NS
 
@@ -18,8 +18,7 @@ def twin(table: PeTable) -> PeTable:
 
 def told(actions: list[Action]) -> list[tuple[FaultCode, int, int]]:
     """Reports on the uplink: code, port, channel."""
-    heard = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE), 0)]
-    reports = [e for e in heard if isinstance(e, Emergency) and e.kind is ElementKind.CHANNEL]
+    reports = [e for e in emergencies(actions, port=0) if e.kind is ElementKind.CHANNEL]
     assert len(reports) == len(sent(actions, emcy_id(NODE)))
     return [(e.code, e.index, e.detail) for e in reports]
 

@@ -15,6 +15,7 @@ from agent.one_pe import (
     SERVO_1,
     TABLE,
     OnePe,
+    emergencies,
     neighbour_state,
     sent,
     started,
@@ -34,7 +35,7 @@ from heronry_agent.core.vocabulary import (
 )
 from heronry_agent.module import Value
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.identifiers import actuator_echo_id, emcy_id
+from heronry_wire.identifiers import actuator_echo_id
 from heronry_wire.management import (
     RESTART_HEARD,
     Control,
@@ -43,7 +44,6 @@ from heronry_wire.management import (
     Lease,
     Operation,
     Step,
-    decode_emergency,
 )
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Tick
@@ -86,8 +86,7 @@ class Partitioned(OnePe):
 
     def codes(self, actions: list[Action]) -> list[tuple[str, int, int]]:
         """Code, index and detail of each report; modules here give nothing, and reports of that are left out."""
-        told = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE))]
-        return [(e.code.name, e.index, e.detail) for e in told if e.code is not FaultCode.STALE]
+        return [(e.code.name, e.index, e.detail) for e in emergencies(actions) if e.code is not FaultCode.STALE]
 
     def heard_of(self) -> dict[tuple[str, int], int]:
         """Number of reports so far, by code and module."""

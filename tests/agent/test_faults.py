@@ -14,35 +14,28 @@ from agent.one_pe import (
     RUN_MONITOR,
     TABLE,
     OnePe,
+    emergencies,
     sent,
 )
 from heronry_agent.core.modules.schedule import OVERRUNS_IN_A_ROW, Schedule
 from heronry_agent.core.reports import Faults
-from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import emcy_id, emergency_event_id
+from heronry_wire.identifiers import emergency_event_id
 from heronry_wire.management import (
     RESTART_HEARD,
     Control,
     ElementKind,
-    Emergency,
     FaultCode,
     Lease,
     Operation,
     Step,
-    decode_emergency,
 )
 
 LEFT = 1  # the servo, as a device of the table
 CRITICAL = replace(TABLE, flight_critical=("device:left",))
 WATCHING = Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR})
 ABOUT_LEFT = (ElementKind.DEVICE, LEFT)
-
-
-def emergencies(actions: list[Action]) -> list[Emergency]:
-    told = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE))]
-    return [emergency for emergency in told if isinstance(emergency, Emergency)]
 
 
 def watching(*, reports: bool = True) -> OnePe:

@@ -14,7 +14,6 @@ from agent.one_pe import (
     MONITOR,
     MS,
     NEIGHBOUR,
-    NODE,
     RATE,
     RUN_CONTROL,
     RUN_MONITOR,
@@ -22,6 +21,7 @@ from agent.one_pe import (
     SERVO_1,
     TABLE,
     OnePe,
+    emergencies,
     neighbour_state,
     rate_frame,
     sent,
@@ -30,11 +30,8 @@ from heronry_agent.core.unknown_names import misspelt_output
 from heronry_agent.core.vocabulary import Note, StepModule, Stepped
 from heronry_agent.module import Value
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import (
-    Emergency,
     FaultCode,
-    decode_emergency,
 )
 from heronry_wire.sansio import Received, Tick
 
@@ -99,11 +96,6 @@ def test_an_output_that_the_slice_does_not_publish_stays_here() -> None:
 
 
 # When they fail
-
-
-def emergencies(actions: list) -> list[Emergency]:
-    found = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE))]
-    return [emergency for emergency in found if isinstance(emergency, Emergency)]
 
 
 @pytest.mark.parametrize("value", [300, -1, 1.5, "a", (1, 2), None, math.nan])

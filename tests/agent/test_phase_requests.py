@@ -15,22 +15,19 @@ from agent.one_pe import (
     NODE,
     RATE,
     RUN_CONTROL,
-    RUN_MONITOR,
     TABLE,
+    WATCHED,
     OnePe,
-    sent,
+    emergencies,
 )
 from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import (
     FORWARD_ONLY,
     Control,
     ElementKind,
-    Emergency,
     FaultCode,
     Operation,
-    decode_emergency,
 )
 from heronry_wire.pe_table import PhaseEntry
 
@@ -43,13 +40,11 @@ WITH_PHASES = replace(
         PhaseEntry("land", "demand", above=2.5, hold_ns=100 * MS),
     ),
 )
-BOTH = Slice((RUN_CONTROL, RUN_MONITOR), remote={RATE: NEIGHBOUR})
 
 
 def requests(actions: list[Action]) -> list[tuple[int, int]]:
     """Phase and detail of every request that goes out."""
-    told = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE))]
-    return [(e.index, e.detail) for e in told if isinstance(e, Emergency) and e.code is FaultCode.PHASE_REQUEST]
+    return [(e.index, e.detail) for e in emergencies(actions, FaultCode.PHASE_REQUEST)]
 
 
 def heard(pe: OnePe, detail: int) -> None:
@@ -99,7 +94,7 @@ def test_an_unknown_phase_is_counted() -> None:
 
 
 def test_a_module_that_stops_withdraws_only_its_own_request() -> None:
-    pe = flying(BOTH)
+    pe = flying(WATCHED)
     ask(pe, CONTROL, "land")
     pe.configure(Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR}), 8)
     assert (LAND, 1) in requests(pe.pass_time(3 * BEAT_NS))

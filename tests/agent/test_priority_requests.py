@@ -11,26 +11,22 @@ from agent.one_pe import (
     NODE,
     RATE,
     RUN_CONTROL,
-    RUN_MONITOR,
     TABLE,
+    WATCHED,
     OnePe,
-    sent,
+    emergencies,
 )
 from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import (
     SPECS_PRIORITY,
     Control,
     ElementKind,
-    Emergency,
     FaultCode,
     Operation,
-    decode_emergency,
 )
 
 LIGHT, NOISE = 0, 3
-BOTH = Slice((RUN_CONTROL, RUN_MONITOR), remote={RATE: NEIGHBOUR})
 
 
 class Asking(OnePe):
@@ -51,9 +47,7 @@ class Asking(OnePe):
 
 def requests(actions: list[Action]) -> list[tuple[int, int, int]]:
     """Function, number and priority of every request that goes out."""
-    told = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE))]
-    mine = [e for e in told if isinstance(e, Emergency) and e.code is FaultCode.PRIORITY_REQUEST]
-    return [(*divmod(e.index, 0x100), e.detail) for e in mine]
+    return [(*divmod(e.index, 0x100), e.detail) for e in emergencies(actions, FaultCode.PRIORITY_REQUEST)]
 
 
 def test_a_request_is_repeated_until_it_is_acknowledged_and_the_same_one_is_made_once() -> None:
@@ -95,7 +89,7 @@ def test_a_new_term_hears_standing_requests_again_under_their_numbers() -> None:
 
 
 def test_a_module_that_stops_withdraws_its_requests_alone() -> None:
-    pe = Asking(BOTH)
+    pe = Asking(WATCHED)
     pe.priorities = {CONTROL: (("noise", 90),), MONITOR: (("light", 5),)}
     pe.pass_time(4 * BEAT_NS)
     pe.acknowledge(LIGHT, 1)

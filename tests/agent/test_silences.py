@@ -22,14 +22,13 @@ from agent.one_pe import (
     SERVO_1,
     TABLE,
     OnePe,
+    emergencies,
     neighbour_state,
     rate_frame,
-    sent,
 )
 from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.identifiers import emcy_id
-from heronry_wire.management import Alive, FaultCode, Lease, Step, decode_emergency
+from heronry_wire.management import Alive, FaultCode, Lease, Step
 from heronry_wire.protocol_times import SILENCE_REPORT_NS
 from heronry_wire.silence import Silence
 
@@ -67,12 +66,7 @@ class Flight(OnePe):
 
 def told(actions: list[Action]) -> list[tuple[int, Silence]]:
     """Index of the module, and what is silent, of each report in the actions."""
-    found = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE))]
-    return [
-        (one.index, Silence.of(one.detail))  # type: ignore[union-attr]
-        for one in found
-        if one.code is FaultCode.STALE  # type: ignore[union-attr]
-    ]
+    return [(one.index, Silence.of(one.detail)) for one in emergencies(actions, FaultCode.STALE)]
 
 
 def once(told: Sequence[tuple[int, Silence]]) -> list[tuple[int, Silence]]:

@@ -32,6 +32,7 @@ from heronry_tools.cli import main
 from heronry_tools.console.contingencies_argument import Ahead
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import Malformed, parse_log_line
+from live.processes import processes_that_mention
 from live.told_events import next_event
 from thoroughness import IS_WHOLE, mostly_soak
 
@@ -51,19 +52,6 @@ def events_of(text: str) -> list[Event]:
     return list(events_in(text.splitlines()))
 
 
-def processes_named(folder: str) -> list[str]:
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdecimal():
-            try:
-                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-            except OSError:
-                continue
-            if folder in command:
-                found.append(command)
-    return found
-
-
 @pytest.fixture
 def home(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder in which the demos of one test alone make theirs. Its name is short: sockets go into it."""
@@ -76,7 +64,7 @@ def home(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 @pytest.fixture
 def nothing_left(home: Path) -> Iterator[None]:
     yield
-    assert processes_named(str(home)) == []
+    assert processes_that_mention(str(home)) == []
     assert list(home.glob("heronry-demo-*")) == []
 
 
@@ -229,10 +217,10 @@ def test_a_demo_that_is_killed_takes_its_processes_along(home: Path) -> None:
     with started_demo() as process:
         wait_for(process, Reconfigured)
         (folder,) = home.glob(f"heronry-demo-{process.pid}-*")
-        assert processes_named(folder.name)
+        assert processes_that_mention(folder.name)
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
-    while processes_named(folder.name):
+    while processes_that_mention(folder.name):
         time.sleep(0.05)
     assert main(["demo", "elevator_and_chute", "-i", "socketcan", "-c", "can7"]) == 2  # the next demo sweeps it away
     assert not folder.exists()

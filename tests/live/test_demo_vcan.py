@@ -40,6 +40,7 @@ from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
 from heronry_wire.identifiers import Use, classify, state_id
 from heronry_wire.state_frames import StatePage0, decode_state
 from lab.slow_spec import slow_spec
+from live.processes import processes_that_mention
 from thoroughness import mostly_soak
 
 pytestmark = pytest.mark.vcan
@@ -220,18 +221,6 @@ def without_sdo(logged: list[LoggedFrame]) -> list[Frame]:
     """Frames that our DBC names: a frame of SDO has its fields from CANopen."""
     sdo = (Use.SDO_REQUEST, Use.SDO_RESPONSE)
     return [one.frame for one in logged if classify(one.frame.can_id).use not in sdo]
-
-
-def processes_that_mention(text: str) -> list[str]:
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            words = (process / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-        except OSError:
-            continue
-        if text in words:
-            found.append(words)
-    return found
 
 
 def test_the_demo_ends_well_and_leaves_nothing(flight: Flight) -> None:

@@ -12,7 +12,7 @@ from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
-from live.test_standby import slow_aircraft
+from lab.slow_spec import slow_spec
 
 pytestmark = pytest.mark.live
 
@@ -27,7 +27,7 @@ def child_of(parent: int, *words: bytes) -> int:
 
 @pytest.mark.soak  # in every run test_planner_processes.py replaces a planner that hangs, test_keyed.py has a take-over
 def test_a_standby_whose_planner_hangs_takes_over_and_configures(tmp_path: Path) -> None:
-    file = slow_aircraft(tmp_path)
+    file = slow_spec("elevator_and_chute", tmp_path, heartbeat_ms=200)
     spec = load(file)
     with Fleet(spec, file, run_folder()) as fleet:
         fleet.start_buses(choose(spec, fleet.folder, {}, None, prefer_vcan=False))

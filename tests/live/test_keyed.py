@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.events import Adopted, ManagerStarted, PeJoined, PeLost, Reconfigured, Summary, TakenOver
 from heronry_manager.events.reading import events_in
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.key_file import make_key
+from lab.slow_spec import slow_spec
 from live.told_events import E, next_event
 
 pytestmark = pytest.mark.live
@@ -28,12 +28,7 @@ SHOW = ("--kill", "manager@1", "--kill", "pe:sensor_pe@5", "--restore", "pe:sens
 @pytest.fixture
 def spec(tmp_path: Path) -> Path:
     """An aircraft with long heartbeats, so that a busy machine loses no PE."""
-    text = shipped_spec_path("elevator_and_chute").read_text()
-    slow = text.replace("can0: {bitrate: 1000000}", "can0: {bitrate: 1000000, heartbeat_ms: 200}")
-    assert slow != text
-    file = tmp_path / "slow.dg.yaml"
-    file.write_text(slow)
-    return file
+    return slow_spec("elevator_and_chute", tmp_path, heartbeat_ms=200)
 
 
 @pytest.fixture

@@ -6,28 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.events import Adopted, Process, Reconfigured, Summary, TakenOver
 from heronry_manager.events.reading import events_in
+from lab.slow_spec import slow_spec
 
 pytestmark = pytest.mark.live
 
 PATIENCE_S = 120
 
 
-def slow_aircraft(folder: Path) -> Path:
-    """A spec with long heartbeats, so that a busy machine loses no PE."""
-    text = shipped_spec_path("elevator_and_chute").read_text()
-    slow = text.replace("can0: {bitrate: 1000000}", "can0: {bitrate: 1000000, heartbeat_ms: 200}")
-    assert slow != text
-    file = folder / "slow.dg.yaml"
-    file.write_text(slow)
-    return file
-
-
 @pytest.mark.soak  # test_keyed.py has the same take-over in every run, with a key
 def test_the_standby_takes_over_from_a_manager_that_was_killed_and_adopts_what_runs(tmp_path: Path) -> None:
-    spec = slow_aircraft(tmp_path)
+    spec = slow_spec("elevator_and_chute", tmp_path, heartbeat_ms=200)  # a busy machine loses no PE
     command = [sys.executable, "-m", "heronry_tools", "demo", str(spec), "--contingencies", "none"]
     done = subprocess.run(
         [*command, "--kill", "manager@2", "--for", "6", "--json"],

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import pytest
 
+from live.processes import processes_that_mention
 from thoroughness import mostly_soak
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,18 +49,6 @@ def python_inside(script: str, *words: str) -> subprocess.CompletedProcess[bytes
 
 def interface_names() -> set[str]:
     return {name for _, name in socket.if_nameindex()}
-
-
-def processes_that_mention(text: str) -> list[str]:
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            command_line = (process / "cmdline").read_bytes()
-        except OSError:
-            continue
-        if text.encode() in command_line and process.name != str(os.getpid()):
-            found.append(process.name)
-    return found
 
 
 def processes_in(folder: Path) -> list[str]:

@@ -14,13 +14,8 @@ A page that cannot be decoded has no effect. When a manager that has fallen sile
 everything except what its journal holds (`memory`), and listens for T_lease.
 """
 
-from heronry_manager.core.heartbeat import Beat
-from heronry_manager.core.intake.reactions import Reactions
-from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership import Claim, Mastership
-from heronry_manager.core.planning import Replanning
-from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.turn import Turn
+from heronry_manager.core.intake.hearer import Hearer
+from heronry_manager.core.mastership import Mastership
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import Command
 from heronry_wire.management import (
@@ -45,25 +40,8 @@ from heronry_wire.state_frames import (
 _REQUESTS = (ElementKind.PHASE, ElementKind.PRIORITY)
 
 
-class PeReports:
+class PeReports(Hearer):
     """Hands the reports of PEs to the objects of the core that use them."""
-
-    def __init__(
-        self,
-        settings: ManagerSettings,
-        turn: Turn,
-        claim: Claim,
-        known: Knowledge,
-        *,
-        beat: Beat,
-        replanning: Replanning,
-        reactions: Reactions,
-    ) -> None:
-        self._settings, self._turn, self._claim, self._known = settings, turn, claim, known
-        self._beat, self._replanning, self._reactions = beat, replanning, reactions
-        self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
-        self._deployment, self._following, self._held_outputs = known.deployment, known.following, known.held_outputs
-        self._authenticity, self._details, self._silences = known.authenticity, known.details, known.silences
 
     def page(self, pe: str, page: StatePage | None) -> None:
         """Process a page of a PE's state; None: the page has come but is not believed."""
@@ -75,11 +53,11 @@ class PeReports:
             case StatePage0():
                 self._page_0(pe, page)
             case StatePage1():
-                if self._authenticity is None:
+                if self._known.authenticity is None:
                     self._lives(pe, None, page.flags)
                 self._page_1(pe, page)
-            case StatePage2() if self._authenticity is not None and self._claim.speaks():
-                self._authenticity.answer(pe, page)
+            case StatePage2() if self._known.authenticity is not None and self._claim.speaks():
+                self._known.authenticity.answer(pe, page)
             case StatePage2() | StatePage3() | None:  # pragma: no branch - nothing else is left
                 pass
 
@@ -97,7 +75,7 @@ class PeReports:
             self._health.in_flight(self._turn.now_ns)
         self._following.state(pe, page)
         self._situation.answered(pe)
-        self._held_outputs.reported(pe, page)
+        self._known.held_outputs.reported(pe, page)
         cause = self._deployment.observe(pe, page)
         if self._settings.advise:
             self._replanning.look_at_what_runs()
@@ -127,7 +105,7 @@ class PeReports:
         if self._situation.noticed(pe, emergency):
             return
         if emergency.code is FaultCode.STALE:
-            failed = self._silences.reported(pe, emergency)
+            failed = self._known.silences.reported(pe, emergency)
             if failed is not None:
                 self._reactions.take(self._situation.failed_there(failed, pe, emergency))
                 self._acknowledge(pe, emergency)
@@ -142,7 +120,7 @@ class PeReports:
             return
         element = self._situation.element(emergency)
         if emergency.kind is ElementKind.MODULE and element is not None:
-            self._details.failed(pe, element, emergency)
+            self._known.details.failed(pe, element, emergency)
         self._reactions.take(changes)
         if emergency.kind is ElementKind.PHASE:  # the PE forgets an acknowledged request
             self._beat.tell_phase()

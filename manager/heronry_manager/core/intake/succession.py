@@ -18,36 +18,15 @@
 
 from heronry_manager import events
 from heronry_manager.core.epochs import Cause
-from heronry_manager.core.heartbeat import Beat
-from heronry_manager.core.intake.reactions import Reactions
-from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership import Claim, Mastership
-from heronry_manager.core.planning import Replanning
-from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.turn import Turn
+from heronry_manager.core.intake.hearer import Hearer
+from heronry_manager.core.mastership import Mastership
 from heronry_wire.frame import Malformed
 from heronry_wire.management import Lease, ManagementMessage
 from heronry_wire.protocol_times import LEARNS_LEASES
 
 
-class Succession:
+class Succession(Hearer):
     """Changes all parts of the core when this manager becomes active, stands by, or stops sending."""
-
-    def __init__(
-        self,
-        settings: ManagerSettings,
-        turn: Turn,
-        claim: Claim,
-        known: Knowledge,
-        *,
-        beat: Beat,
-        replanning: Replanning,
-        reactions: Reactions,
-    ) -> None:
-        self._settings, self._turn, self._claim, self._known = settings, turn, claim, known
-        self._beat, self._replanning, self._reactions = beat, replanning, reactions
-        self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
-        self._deployment, self._following, self._script = known.deployment, known.following, known.script
 
     # What another manager sends
 
@@ -124,7 +103,7 @@ class Succession:
             phase=self._situation.phase,
         )
         if followed.holds_script():
-            self._script.end(f"the mastership of manager {followed.node}, which held it, has ended")
+            self._known.script.end(f"the mastership of manager {followed.node}, which held it, has ended")
         known_ns = followed.leased_ns if followed.leased_ns is not None else now_ns
         self._health.await_again(followed.unbelieved(), now_ns, self._settings.window_ns)
         self._replanning.take_over(Cause("no manager was active", now_ns, known_ns))
@@ -157,6 +136,6 @@ class Succession:
         self._claim.fall_silent()
 
     def _forget(self) -> None:
-        self._script.mastership_ends()
+        self._known.script.mastership_ends()
         self._replanning.forget()
         self._known.forget()

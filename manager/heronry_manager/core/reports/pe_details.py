@@ -35,6 +35,7 @@ from typing import Any
 
 from heronry_dg.situation import hosts_when_all_is_up
 from heronry_manager import events
+from heronry_manager.core.epochs import ANOTHER_TABLE
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.reports.object_reader import ObjectReader
 from heronry_manager.core.settings import ManagerSettings
@@ -173,7 +174,7 @@ class PeDetails:
     def _why_another_table(self, digest: bytes | None, version: bytes | None) -> str:
         anew = "write it anew with 'heronry table', and restart the PE"
         if digest is None or version is None:
-            return f"its table is another one than this manager compiles for it: {anew}"
+            return f"{ANOTHER_TABLE}: {anew}"
         spoken, of_spec = Version.of_number(read_number(version)), digest.decode("ascii", "replace")
         if spoken.major != PROTOCOL.major:
             return (

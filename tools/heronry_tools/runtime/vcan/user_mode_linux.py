@@ -29,6 +29,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from heronry_tools.runtime.vcan import debian_packages, guest
@@ -36,12 +37,13 @@ from heronry_tools.runtime.vcan.command import Command, ExpiredError
 from heronry_tools.runtime.vcan.errors import CannotRunError
 from heronry_tools.runtime.vcan.job import Job, Result
 from heronry_tools.runtime.vcan.streams import Streams
+from heronry_wire.parent_death import die_with
 
 MEMORY_MIB = 2048  # a sparse file: only what the guest touches is taken
 MEMORY_LEAST_FREE_BYTES = 1 << 30
 POLL_S = 0.02
 MODULES = ("can-dev", "can", "can-raw", "can-bcm", "can-gw", "vcan")  # each after those it needs
-PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
+_PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
 TAIL_LINES = 12
 _KILL_GROUP_AT_EOF = 'read -r _; kill -s KILL -- "-$1"'
 
@@ -198,7 +200,7 @@ def _booted(linux: Path, folder: Path, streams: Streams) -> Iterator["subprocess
             stderr=log,
             pass_fds=[end for end in (streams.keyboard, streams.console) if end is not None],
             start_new_session=True,
-            preexec_fn=_die_with_parent,  # noqa: PLW1509 - this program has one thread
+            preexec_fn=partial(die_with, os.getpid()),  # noqa: PLW1509 - this program has one thread
         )
     guard = _guard(process.pid)
     try:
@@ -223,13 +225,9 @@ def _guard(group: int) -> "subprocess.Popen[bytes]":
     )
 
 
-def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-
-
 def _adopt_orphans() -> None:
     """Let this process reap the guest's orphans; the first process of a container perhaps does not reap them."""
-    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def _kill_group(process: "subprocess.Popen[bytes]") -> None:

@@ -65,7 +65,7 @@ _COMPILED = {
     "heronry_manager.core.authentication": "authenticity",
     "heronry_manager.core.epochs": "activation deployment epoch known_epochs observation silences",
     "heronry_manager.core.heartbeat": "announcing beacon beat",
-    "heronry_manager.core.intake": "inbound pe_reports reactions succession",
+    "heronry_manager.core.intake": "hearer inbound pe_reports reactions succession",
     "heronry_manager.core.mastership": "claim following overheard",
     "heronry_manager.core.membership": "exclusion health standing",
     "heronry_manager.core.planning": "replanning requests",
