@@ -19,7 +19,16 @@ from heronry_tools.command_table import COMMANDS, GROUPS, HELP, add_parsers, run
 from heronry_wire.command_parser import CommandParser
 
 TEACHING = [name for name in COMMANDS if name != HELP]
-ORDERS = ("phase", "priority", "fail", "clear", "unlock", "send-table", "key")  # one sentence is all that they answer
+ORDERS = (
+    "phase",
+    "priority",
+    "fail",
+    "clear",
+    "unlock",
+    "send-table",
+    "key",
+    "new",
+)  # one sentence is all that they answer
 STREAMS = ("demo", "manager", "top", "web")  # they print until they are ended; a shell's > keeps that
 FORMATS = (
     "export",
@@ -296,6 +305,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     # the same of other files and names
     "scenario": ["scenario", "nosuch.scenario"],
     "key": ["key", "--check", "nosuch.key"],
+    "new": ["new", "glider", "--in", "nosuch"],
     "explain": ["explain", "nosuch"],
     "rules": ["rules", "nosuch"],
     "status": ["status", "--of", "nosuch"],

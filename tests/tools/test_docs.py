@@ -125,7 +125,7 @@ RULES = [
     Rule(r"heronry pcs (apply .* --live|release)", How.EXEMPT, "tests/live/test_live_script.py flies scripts"),
     Rule(r"heronry diff HEAD:dg_specs/big_blue.*", How.RUN, is_long=True),  # render.md has it with a smaller spec
     Rule(r"heronry (plan|verify|table|dbc|eds|check|render|diff|pcs)\b.*", How.RUN),
-    Rule(r"heronry key \w+\.key", How.RUN),
+    Rule(r"heronry key \w+\.key|heronry new glider", How.RUN),
     Rule(r"heronry module try state_estimator .*", How.RUN),
     Rule(r"heronry exhaust\b.* --count", How.RUN, is_long=True),  # test_exhaust_command.py counts
     Rule(r"heronry exhaust\b.*", How.RUN, more="--sample 2 --pairs 1"),

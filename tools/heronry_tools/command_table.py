@@ -36,6 +36,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command(HELP, "this list, or what one command does: heronry help plan"),
     ),
     "write a spec": (
+        Command("new", "write a project: spec, code, a driver, tests, units"),
         Command("check", "find what is wrong with specs, as a linter does"),
         Command("explain", "what one finding of 'check' means, and how to mend it", "rules"),
         Command("rules", "all rules of 'check'", "rules"),
