@@ -1,0 +1,225 @@
+"""Pauses and kills at random moments, of agents and of drivers: every actuator ends as declared.
+
+    python -m lab.driver_campaigns.ends --number 100 [--seed 1]
+
+A DEMUX has two branches, each with an actuator on a PE of its own. In each round the agent or the driver of the branch
+that drives is paused or killed, or both are paused. Each write is told with its time, so that this can be said:
+
+    agent paused       no command is written after the end of its validity (T_lease); then the register is safe
+    agent killed       the same
+    driver killed      it is told; the first write of its successor is the safe value
+    driver paused      it is told if the pause is long; if it was ended, the first write of its successor is safe
+    both paused        the driver goes on first: its first write is the safe value
+    always             the branches' commands do not overlap: the other one drives only after the last write of this
+                       one, and after its safe value where its driver could act
+"""
+
+import argparse
+import os
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import pairwise
+from random import Random
+from typing import Any
+
+from heronry_wire.protocol_times import LEASE_PERIODS
+from lab.driver_campaigns.flown import HEARTBEAT_MS, Flown, flown
+from lab.driver_campaigns.hardware import register_of, writes_of
+
+SAFE = "7"
+_NS = 1_000_000_000
+_LEASE_NS = LEASE_PERIODS * HEARTBEAT_MS * 1_000_000
+_MOST_CHANGES = 3  # in one round a branch hands over, and perhaps gets it back; commands that alternate are an overlap
+_STOPS_NS = 30_000_000  # from the look at the clock to the effect of a signal, on a busy computer
+WAYS = ("agent paused", "agent killed", "driver paused", "driver killed", "both paused")
+_PE = {"servo_a": "tail_a", "servo_b": "tail_b"}
+CODE = """
+from heronry_agent.module import Module
+
+
+class Demand(Module):
+    def __init__(self, ctx):
+        super().__init__(ctx)
+        self._steps = 0
+
+    def step(self, inputs):
+        self._steps += 1
+        return {"demand": 50.0 + self._steps % 20}
+
+
+class Servo(Module):
+    def step(self, inputs):
+        demand = inputs.get("demand")
+        if demand is not None and demand.valid:
+            self.ctx.write(demand.number())
+        return {}
+"""
+
+
+def document() -> dict[str, Any]:
+    """Return the spec."""
+    size = {"cpu": 1, "ram": "64KiB", "flash": "64KiB"}
+    cost = {"cpu": 0.1, "ram": "1KiB", "rate_hz": 20}
+    pes = {name: {"node_id": 92 + i, "buses": ["can0"], **size} for i, name in enumerate(("brain", *_PE.values()))}
+    servos = {
+        f"mover_{name[-1]}": {"image": "flown_code:Servo", "device": name, "needs": "out", **cost} for name in _PE
+    }
+    return {
+        "dg": 1,
+        "name": "ends",
+        "buses": {"can0": {"bitrate": 1_000_000, "heartbeat_ms": HEARTBEAT_MS}},
+        "pes": pes,
+        "devices": {name: {"kind": "actuator", "pe": pe, "safe": int(SAFE)} for name, pe in _PE.items()},
+        "variables": {"demand": {"type": "FLOAT"}},
+        "gates": {"out": {"demux": "demand"}},
+        "modules": {"thinker": {"image": "flown_code:Demand", "runs_on": ["brain"], "gives": {"demand": 1}, **cost}}
+        | servos,
+        "functions": {"move": {"output": "out", "criticality": "A"}},
+    }
+
+
+class Ends:
+    """The rounds of one flight."""
+
+    def __init__(self, flight: Flown, random: Random) -> None:
+        self._flight, self._random = flight, random
+        self._agents = {pe: flight.fleet.start_pe(pe) for pe in ("brain", *_PE.values())}
+        self._struck: set[str] = set()
+        self.failures: list[str] = []
+
+    def round(self, way: str) -> None:
+        """Strike once, wait until all is as declared, and mend it."""
+        flight, since = self._flight, len(self._flight.events)
+        if not flight.until("a branch drives", lambda: self._driving() is not None):
+            self.failures.append(f"{way}: no branch drives")
+            return
+        time.sleep(self._random.uniform(0.0, 0.3))
+        servo = self._driving() or "servo_a"
+        pe, driver = _PE[servo], flight.drivers(self._agents[_PE[servo]]).get(servo)
+        if driver is None:
+            return  # its process is just being started again: not a moment for a strike
+        self._struck.add(pe)
+        agent, said = self._agents[pe], len(flight.log(pe))
+        known = {one.process for one in writes_of(flight.device(servo))}
+        begun_ns = time.monotonic_ns()
+        match way:
+            case "agent paused":
+                os.kill(agent, signal.SIGSTOP)
+                self._expect_safe(servo, way, begun_ns)
+                time.sleep(self._random.uniform(0.0, 0.5))
+                self._expect_no_command(servo, way, begun_ns + _LEASE_NS + _STOPS_NS, time.monotonic_ns())
+                os.kill(agent, signal.SIGCONT)
+            case "agent killed":
+                flight.fleet.kill_pe(pe)
+                self._expect_safe(servo, way, begun_ns)
+                self._expect_no_command(servo, way, begun_ns + _LEASE_NS + _STOPS_NS, time.monotonic_ns())
+                self._agents[pe] = flight.fleet.start_pe(pe)
+            case "driver killed":
+                os.kill(driver, signal.SIGKILL)
+                self._expect_successor(servo, way, known)
+                self._expect_words(way, pe, said, "was killed by SIGKILL")
+            case "driver paused":
+                os.kill(driver, signal.SIGSTOP)
+                time.sleep(self._random.uniform(0.1, 1.5))
+                with suppress(ProcessLookupError):
+                    os.kill(driver, signal.SIGCONT)
+                flight.look(0.2)
+                if "hangs, and is ended" in flight.log(pe)[said:]:
+                    self._expect_successor(servo, way, known)
+            case _:
+                os.kill(agent, signal.SIGSTOP)
+                os.kill(driver, signal.SIGSTOP)
+                time.sleep(2 * _LEASE_NS / _NS)
+                expired_ns = time.monotonic_ns()
+                os.kill(driver, signal.SIGCONT)
+                self._expect_safe(servo, way, begun_ns)
+                os.kill(agent, signal.SIGCONT)
+                late = [one for one in writes_of(flight.device(servo)) if one.at_ns > expired_ns]
+                if late and late[0].value != SAFE:
+                    self.failures.append(f"{way}: {late[0]} was the first write after the pause")
+        self._expect_no_overlap(way, begun_ns)
+        if way in ("agent paused", "agent killed"):
+            self._expect_safe_before_the_other(servo, way, begun_ns)
+        for element in flight.told(since):
+            flight.clear(element)
+
+    def _driving(self) -> str | None:
+        found = [one for one in _PE if register_of(self._flight.device(one)) not in (SAFE, "", "0")]
+        return found[0] if len(found) == 1 else None
+
+    def _expect_safe(self, servo: str, way: str, begun_ns: int) -> None:
+        folder = self._flight.device(servo)
+        if not self._flight.until(f"{way}: {servo} is safe", lambda: register_of(folder) == SAFE):
+            self.failures.append(f"{way}: {servo} did not become safe, {(time.monotonic_ns() - begun_ns) / _NS:.1f} s")
+
+    def _expect_no_command(self, servo: str, way: str, from_ns: int, until_ns: int) -> None:
+        for one in writes_of(self._flight.device(servo)):
+            if from_ns < one.at_ns < until_ns and one.value != SAFE:
+                self.failures.append(f"{way}: {one} was written {(one.at_ns - from_ns) / 1e6:.1f} ms too late")
+
+    def _expect_successor(self, servo: str, way: str, known: set[int]) -> None:
+        folder = self._flight.device(servo)
+
+        def successor() -> list[str]:
+            return [one.value for one in writes_of(folder) if one.process not in known]
+
+        if not self._flight.until(f"{way}: a successor of {servo} writes", lambda: bool(successor())):
+            self.failures.append(f"{way}: no successor of the driver of {servo} has written")
+        elif successor()[0] != SAFE:
+            self.failures.append(f"{way}: the successor's first write was {successor()[0]}")
+
+    def _expect_words(self, way: str, pe: str, said: int, words: str) -> None:
+        if not self._flight.until(f"{way}: '{words}' is told", lambda: words in self._flight.log(pe)[said:]):
+            self.failures.append(f"{way}: {words} was not told")
+
+    def _expect_no_overlap(self, way: str, begun_ns: int) -> None:
+        commands = {
+            servo: [one.at_ns for one in writes_of(self._flight.device(servo)) if one.value != SAFE] for servo in _PE
+        }
+        merged = sorted((at, servo) for servo, times in commands.items() for at in times if at >= begun_ns - _NS)
+        changes = sum(1 for (_, one), (_, other) in pairwise(merged) if one != other)
+        if changes > _MOST_CHANGES:
+            self.failures.append(f"{way}: commands to both branches alternate {changes} times")
+
+    def _expect_safe_before_the_other(self, servo: str, way: str, begun_ns: int) -> None:
+        (other,) = _PE.keys() - {servo}
+        safe = [
+            one.at_ns for one in writes_of(self._flight.device(servo)) if one.at_ns > begun_ns and one.value == SAFE
+        ]
+        theirs = [one for one in writes_of(self._flight.device(other)) if one.at_ns > begun_ns and one.value != SAFE]
+        if theirs and (not safe or theirs[0].at_ns < safe[0]):
+            self.failures.append(f"{way}: {other} was commanded before {servo} was safe")
+
+    def lost(self) -> list[str]:
+        """Return the PEs that were lost without a reason."""
+        return self._flight.lost_without_standstill(self._struck)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the campaign; returns the exit code."""
+    parser = argparse.ArgumentParser(description="Pause and kill agents and drivers, and check how actuators end.")
+    parser.add_argument("--number", type=int, default=100, metavar="N", help="rounds (default 100)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default 1")
+    arguments = parser.parse_args(argv)
+    random, counts = Random(arguments.seed), Counter[str]()
+    with flown(document(), CODE) as flight:
+        ends = Ends(flight, random)
+        for number in range(arguments.number):
+            way = WAYS[number % len(WAYS)]
+            ends.round(way)
+            counts[way] += 1
+        flight.look()
+        lost = ends.lost()
+    for way, times in counts.items():
+        print(f"{times:6} {way}")
+    for failure in [*ends.failures, *(f"{pe} was lost without a strike or a told standstill" for pe in lost)]:
+        print(f"FAILURE: {failure}")
+    return 1 if ends.failures or lost else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

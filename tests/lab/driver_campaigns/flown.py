@@ -1,0 +1,103 @@
+"""One aircraft whose devices are files, on a software bus, and what its manager and agents have told."""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from heronry_dg.loader import load
+from heronry_manager import events
+from heronry_manager.core.vocabulary import ClearElement
+from heronry_tools.runtime.demo.buses import choose
+from heronry_tools.runtime.demo.event_stream import EventStream
+from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+
+PATIENCE_S = 60.0
+HEARTBEAT_MS = 100
+TESTS = Path(__file__).resolve().parents[2]
+_HARDWARE = "lab.driver_campaigns.hardware"
+
+
+class Flown:
+    """The processes, the folders of the devices, and all events so far."""
+
+    def __init__(self, fleet: Fleet, stream: EventStream, folder: Path) -> None:
+        self.fleet, self._stream, self._folder = fleet, stream, folder
+        self.events: list[events.Event] = []
+
+    def device(self, name: str) -> Path:
+        """Return the folder of the files that stand for a device."""
+        return self._folder / name
+
+    def drivers(self, agent: int) -> dict[str, int]:
+        """Return the processes of an agent's drivers, by name of the device."""
+        found = {}
+        for task in Path(f"/proc/{agent}/task").glob("*/children"):
+            for child in task.read_text().split():
+                words = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
+                if b"heronry_agent.shell.device_processes.driver_process" in words:
+                    found[json.loads(words[-2])["device"]] = int(child)
+        return found
+
+    def log(self, pe: str) -> str:
+        """Return what an agent has said."""
+        return (self.fleet.folder / f"{pe}.log").read_text(errors="replace")
+
+    def look(self, wait_s: float = 0.02) -> None:
+        """Take the events that have come."""
+        self.events += self._stream.take(wait_s)
+        ended = self.fleet.ended()
+        if ended is not None:
+            raise RuntimeError(ended)
+
+    def until(self, what: str, is_so: Callable[[], bool]) -> bool:
+        """Look until something is so; returns False, and says so, if that takes too long."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not is_so():
+            if time.monotonic() > end_s:
+                print(f"FAILURE: {what}: not within {PATIENCE_S:g} s")
+                return False
+            self.look()
+        return True
+
+    def told(self, since: int) -> set[str]:
+        """Return the elements of which a fault was reported since an event, by its number."""
+        return {one.element for one in self.events[since:] if isinstance(one, events.FaultReported)}
+
+    def clear(self, element: str) -> None:
+        """Give the operator's order that an element works again."""
+        self.fleet.order(ClearElement(element), element)
+
+    def lost_without_standstill(self, struck: set[str]) -> list[str]:
+        """Return the PEs that were lost, were not struck, and beside whose loss no standstill was told."""
+        stood = any(isinstance(one, events.StoodStill) for one in self.events)
+        lost = [one.pe for one in self.events if isinstance(one, events.PeLost)]
+        return [] if stood else [pe for pe in lost if pe not in struck]
+
+
+@contextmanager
+def flown(document: Mapping[str, Any], code: str) -> Iterator[Flown]:
+    """Fly a spec; every device has a folder, and the driver of its kind in `hardware`.
+
+    code: the file `flown_code.py`, from which the images come.
+    """
+    with TemporaryDirectory(prefix="driver-campaign-") as name:
+        folder = Path(name)
+        (folder / "flown_code.py").write_text(code)
+        devices = document["devices"]
+        for device, said in devices.items():
+            (folder / device).mkdir()
+            (folder / device / "register").write_text("0")
+            kind = "StruckSensor" if said["kind"] == "sensor" else "RecordedOutput"
+            said |= {"driver": f"{_HARDWARE}:{kind}", "options": {"folder": str(folder / device)}}
+        file = folder / "flown.dg.yaml"
+        file.write_text(json.dumps(document))
+        drivers = {one: {"driver": said["driver"], "options": said["options"]} for one, said in devices.items()}
+        (folder / "devices.json").write_text(json.dumps(drivers))
+        spec, path = load(file), {"PYTHONPATH": f"{TESTS}:{folder}"}
+        with Fleet(spec, file, run_folder(), devices=folder / "devices.json", environment=path) as fleet:
+            fleet.start_buses(choose(spec, fleet.folder, {}, None, prefer_vcan=False))
+            yield Flown(fleet, EventStream(fleet.start_manager()), folder)

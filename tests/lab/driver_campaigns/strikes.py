@@ -1,0 +1,178 @@
+"""Strikes at the drivers of one PE: each ends as declared, and touches neither other devices nor any PE.
+
+    python -m lab.driver_campaigns.strikes --number 500 [--seed 1]
+
+    exit, segfault, raise, garbage   it is told, and the driver is started again; or the device is reported failed
+    hang (in a read, in a write)     it is told, the process is ended, and then the same
+    nan, far, nothing                the device is reported failed, and its process goes on
+    flood, slow                      nothing is reported
+
+Some devices are struck at the same time; the others must go on without a report. No PE may be lost, except beside a
+told standstill of a computer.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from lab.driver_campaigns.ends import CODE
+from lab.driver_campaigns.flown import HEARTBEAT_MS, Flown, flown
+
+SENSORS, SERVOS, AT_ONCE = 8, 4, 4
+ENDS = {
+    "exit": "ended with exit code 9",
+    "segfault": "was killed by SIGSEGV",
+    "raise": "ended with exit code 1",
+    "garbage": "ended with exit code 1",
+    "hang": "hangs, and is ended",
+}
+INVALID, HARMLESS = ("nan", "far", "nothing"), ("flood", "slow")
+_OF_SENSORS, _OF_SERVOS = (*ENDS, *INVALID, *HARMLESS), ("exit", "segfault", "raise", "hang", *HARMLESS)
+MORE_CODE = """
+
+class Reader(Module):
+    def step(self, inputs):
+        reading = self.ctx.read()
+        return {} if reading is None else {"sum": reading}
+"""
+
+
+def document() -> dict[str, Any]:
+    """Return the spec: all devices on one PE, and a function for each."""
+    size = {"cpu": 4, "ram": "256KiB", "flash": "256KiB"}
+    cost = {"cpu": 0.1, "ram": "1KiB", "rate_hz": 10, "partition": "all"}
+    sensors, servos = [f"sensor_{i}" for i in range(SENSORS)], [f"servo_{i}" for i in range(SERVOS)]
+    readers = {
+        f"reader_{name[-1]}": {
+            "image": "flown_code:Reader", "device": name, "gives": {f"read_{name[-1]}": 1}, **cost,
+        }
+        for name in sensors
+    }  # fmt: skip
+    movers = {
+        f"mover_{name[-1]}": {"image": "flown_code:Servo", "device": name, "needs": "demand", **cost} for name in servos
+    }
+    ranges: dict[str, Any] = {"stale_ms": 1500, "range": [0, 100]}
+    return {
+        "dg": 1,
+        "name": "strikes",
+        "buses": {"can0": {"bitrate": 1_000_000, "heartbeat_ms": HEARTBEAT_MS}},
+        "pes": {name: {"node_id": 92 + i, "buses": ["can0"], **size} for i, name in enumerate(("brain", "limbs"))},
+        "devices": {name: {"kind": "sensor", "pe": "limbs", **ranges} for name in sensors}
+        | {name: {"kind": "actuator", "pe": "limbs", "safe": 7} for name in servos},
+        "variables": {"demand": {"type": "FLOAT"}} | {f"read_{i}": {"type": "FLOAT"} for i in range(SENSORS)},
+        "modules": {"thinker": {"image": "flown_code:Demand", "runs_on": ["brain"], "gives": {"demand": 1}, **cost}}
+        | readers
+        | movers,
+        "functions": {name: {"output": name, "criticality": "E"} for name in (*readers, *movers)},
+    }
+
+
+def code() -> str:
+    """Return the code of the modules; each reader gives its own variable."""
+    return CODE + MORE_CODE.replace('{"sum": reading}', '{"read_" + self.ctx.device[-1]: reading}')
+
+
+class Strikes:
+    """The rounds of one flight."""
+
+    def __init__(self, flight: Flown, random: Random) -> None:
+        self._flight, self._random = flight, random
+        for pe in ("brain", "limbs"):
+            flight.fleet.start_pe(pe)
+        self._names = [*(f"sensor_{i}" for i in range(SENSORS)), *(f"servo_{i}" for i in range(SERVOS))]
+        self.became: Counter[str] = Counter()
+        self.failures: list[str] = []
+
+    def begin(self) -> None:
+        """Wait until every device works."""
+        for name in self._names:
+            self._until(f"{name} begins", lambda name=name: self._acts(name) > 0)
+
+    def round(self, number: int) -> None:
+        """Strike some devices at once, wait until each has ended as declared, and clear what was reported."""
+        since, said = len(self._flight.events), len(self._flight.log("limbs"))
+        struck = {
+            name: self._random.choice(_OF_SENSORS if name.startswith("sensor") else _OF_SERVOS)
+            for name in self._random.sample(self._names, number)
+        }
+        for name, order in struck.items():
+            (self._flight.device(name) / "order").write_text(order)
+        for name, order in struck.items():
+            self._ends_as_declared(name, order, since, said)
+        for name in struck:
+            (self._flight.device(name) / "order").unlink(missing_ok=True)
+        unstruck = self._flight.told(since) - {f"device:{name}" for name in struck}
+        if unstruck:
+            self.failures.append(f"reported, though not struck: {', '.join(sorted(unstruck))}")
+        for name, order in struck.items():  # it works again, perhaps after the 10 s of one that was given up
+            acts = self._acts(name)
+            self._until(f"{name} works again after {order}", lambda name=name, acts=acts: self._works(name, acts))
+
+    def _ends_as_declared(self, name: str, order: str, since: int, said: int) -> None:
+        acts, element = self._acts(name), f"device:{name}"
+        if order in HARMLESS:
+            self._until(f"{name} goes on after {order}", lambda: self._acts(name) > acts + 2)
+            reported = element in self._flight.told(since)
+            if reported:
+                self.failures.append(f"{name} was reported after {order}")
+            self.became[f"{order}: {'reported' if reported else 'nothing reported'}"] += 1
+            return
+        sentence = f"the driver of device {name} {ENDS[order]}" if order in ENDS else ""
+        if order == "hang":
+            sentence = f"the driver of device {name} hangs, and is ended"
+
+        def told() -> bool:
+            is_reported = element in self._flight.told(since)
+            return sentence in self._flight.log("limbs")[said:] if sentence else is_reported
+
+        if self._until(f"{order} of {name} is told", told):
+            given_up = f"device {name}" in self._flight.log("limbs")[said:] and "it is given up" in self._of(name, said)
+            self.became[f"{order}: {'given up' if given_up else 'started again' if sentence else 'reported'}"] += 1
+
+    def _of(self, name: str, said: int) -> str:
+        return "\n".join(line for line in self._flight.log("limbs")[said:].splitlines() if f"device {name} " in line)
+
+    def _works(self, name: str, acts: int) -> bool:
+        for element in self._flight.told(0) & {f"device:{name}"}:
+            self._flight.clear(element)
+            self._flight.events = [one for one in self._flight.events if getattr(one, "element", "") != element]
+        return self._acts(name) > acts
+
+    def _acts(self, name: str) -> int:
+        file: Path = self._flight.device(name) / ("reads" if name.startswith("sensor") else "writes")
+        return file.stat().st_size if file.exists() else 0
+
+    def _until(self, what: str, is_so: Any) -> bool:
+        if self._flight.until(what, is_so):
+            return True
+        self.failures.append(what)
+        return False
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the campaign; returns the exit code."""
+    parser = argparse.ArgumentParser(description="Strike drivers, and check what follows.")
+    parser.add_argument("--number", type=int, default=500, metavar="N", help="strikes (default 500)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default 1")
+    arguments = parser.parse_args(argv)
+    with flown(document(), code()) as flight:
+        strikes = Strikes(flight, Random(arguments.seed))
+        strikes.begin()
+        left = arguments.number
+        while left > 0 and len(strikes.failures) < 10:
+            strikes.round(min(AT_ONCE, left))
+            left -= AT_ONCE
+        lost = flight.lost_without_standstill(set())
+    for what, times in sorted(strikes.became.items()):
+        print(f"{times:6} {what}")
+    for failure in [*strikes.failures, *(f"{pe} was lost without a told standstill" for pe in lost)]:
+        print(f"FAILURE: {failure}")
+    return 1 if strikes.failures or lost else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
