@@ -214,6 +214,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             counts[way] += 1
         flight.look()
         lost = ends.lost()
+        print(flight.counted())
     for way, times in counts.items():
         print(f"{times:6} {way}")
     for failure in [*ends.failures, *(f"{pe} was lost without a strike or a told standstill" for pe in lost)]:

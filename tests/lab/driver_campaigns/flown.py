@@ -18,6 +18,7 @@ from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 PATIENCE_S = 60.0
 HEARTBEAT_MS = 100
 TESTS = Path(__file__).resolve().parents[2]
+_BESIDE_NS = 3_000_000_000  # a standstill is told when it is over, and a loss after three heartbeats
 _HARDWARE = "lab.driver_campaigns.hardware"
 
 
@@ -73,9 +74,19 @@ class Flown:
 
     def lost_without_standstill(self, struck: set[str]) -> list[str]:
         """Return the PEs that were lost, were not struck, and beside whose loss no standstill was told."""
-        stood = any(isinstance(one, events.StoodStill) for one in self.events)
-        lost = [one.pe for one in self.events if isinstance(one, events.PeLost)]
-        return [] if stood else [pe for pe in lost if pe not in struck]
+        stood_ns = [one.t_ns for one in self.events if isinstance(one, events.StoodStill)]
+        return [
+            one.pe
+            for one in self.events
+            if isinstance(one, events.PeLost)
+            and one.pe not in struck
+            and not any(abs(at_ns - one.t_ns) < _BESIDE_NS for at_ns in stood_ns)
+        ]
+
+    def counted(self) -> str:
+        """Return how many PEs were lost, and how many standstills were told."""
+        lost, stood = (sum(isinstance(one, kind) for one in self.events) for kind in (events.PeLost, events.StoodStill))
+        return f"{lost:6} PEs lost, {stood} standstills of a computer told"
 
 
 @contextmanager

@@ -167,6 +167,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             strikes.round(min(AT_ONCE, left))
             left -= AT_ONCE
         lost = flight.lost_without_standstill(set())
+        print(flight.counted())
     for what, times in sorted(strikes.became.items()):
         print(f"{times:6} {what}")
     for failure in [*strikes.failures, *(f"{pe} was lost without a told standstill" for pe in lost)]:
