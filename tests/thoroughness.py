@@ -18,17 +18,17 @@ IS_WHOLE = os.environ.get("HERONRY_SOAK", "") not in ("", "0")
 
 
 def part_of(number: int, share: int = 8) -> int:
-    """Give the number of examples to try: all of them, or in `make test` one of `share`."""
+    """Return the number of examples to try: all of them, or in `make test` one of `share`."""
     return number if IS_WHOLE else max(1, number // share)
 
 
 def sample(things: Sequence[Thing], share: int = 8) -> Sequence[Thing]:
-    """Give the things to try: all of them, or in `make test` the first of every `share`."""
+    """Return the things to try: all of them, or in `make test` the first of every `share`."""
     return things if IS_WHOLE else things[::share]
 
 
 def mostly_soak(cases: Iterable[Thing], always: Collection[Thing]) -> list[ParameterSet]:
-    """Give a test's cases as parameters: those in `always` for every run, the others for `make soak`."""
+    """Return a test's cases as parameters: those in `always` for every run, the others for `make soak`."""
     listed = list(cases)
     unknown = [case for case in always if case not in listed]
     if unknown:

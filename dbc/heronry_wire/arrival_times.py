@@ -63,13 +63,13 @@ class ArrivalTimes:
         self._empty_ns = self._looked_ns
 
     def age_ns(self, message: can.Message) -> int:
-        """Give the time in ns from the arrival of a message to the last call of `look`; 0 or more."""
+        """Return the time in ns from the arrival of a message to the last call of `look`; 0 or more."""
         if isinstance(message, StampedMessage):
             return max(0, self._looked_ns - message.monotonic_ns)
         return self.age_of(int(message.timestamp * _NS_PER_S))
 
     def age_of(self, day_ns: int) -> int:
-        """Give the time in ns from a time-stamp of the clock of the day to the last call of `look`; 0 or more."""
+        """Return the time in ns from a time-stamp of the clock of the day to the last call of `look`; 0 or more."""
         offset_ns = max(self._offset_ns or 0, self._offset_before_ns)
         arrived_ns = day_ns - offset_ns
         if self._empty_ns is not None:

@@ -135,7 +135,7 @@ class Key:
         return table + self._seal(table)
 
     def opened(self, sealed: bytes) -> bytes | None:
-        """Give the bytes of a sealed table without the seal; None where the seal was not made with this key."""
+        """Return the bytes of a sealed table without the seal; None where the seal was not made with this key."""
         table, seal = sealed[:-SEAL_BYTES], sealed[-SEAL_BYTES:]
         return table if compare_digest(seal, self._seal(table)) else None
 

@@ -32,7 +32,7 @@ def add_bus_arguments(parser: argparse.ArgumentParser, title: str) -> None:
 
 
 def flagged_bus(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Give the keyword arguments of `can.Bus` for those of python-can's flags that the command line has."""
+    """Return the keyword arguments of `can.Bus` for those of python-can's flags that the command line has."""
     named = {flag: getattr(arguments, flag) for flag in _FLAGS if hasattr(arguments, flag)}
     return {**named, **getattr(arguments, "bus_kwargs", {})}
 

@@ -41,7 +41,7 @@ class BusHealth:
         return bool(self._link_events)
 
     def take_link_events(self) -> list[str]:
-        """Give the link status events since the last call, each as a sentence."""
+        """Return the link status events since the last call, each as a sentence."""
         link_events, self._link_events = self._link_events, []
         return link_events
 

@@ -29,7 +29,7 @@ class Opened(NamedTuple):
 
 
 def bus_name(config: Mapping[str, Any]) -> str:
-    """Give the name that messages use for the bus with these keyword arguments of `can.Bus`."""
+    """Return the name that messages use for the bus with these keyword arguments of `can.Bus`."""
     return f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
 
 

@@ -74,7 +74,7 @@ def take_down_and_up(name: str) -> None:
 
 
 def obstacle(name: str, bitrate: int | None) -> str | None:
-    """Give the reason why an interface that is up should not be used now; None if there is no such reason.
+    """Return the reason why an interface that is up should not be used now; None if there is no such reason.
 
     None, too, if the interface does not exist or is down: an attempt to open it then gives the reason.
 

@@ -114,7 +114,7 @@ _RANGES = {
 
 
 def value_range(data_type: DataType) -> tuple[float, float]:
-    """Give the least and the greatest value of a type that holds one number.
+    """Return the least and the greatest value of a type that holds one number.
 
     For FLOAT the values are minus and plus infinity. For a type that does not hold one number the least value is above
     the greatest, so that no number is in the range.
@@ -256,17 +256,17 @@ def decode_data(frame: Frame) -> Datum | Malformed:
 
 
 def read_header(data: bytes) -> tuple[int, int, int, int]:
-    """Give node-ID, type, service code and message code of a data frame of at least four bytes."""
+    """Return node-ID, type, service code and message code of a data frame of at least four bytes."""
     return data[0], data[1], data[2], data[3]
 
 
 def node_of(data: bytes) -> int | None:
-    """Give the node-ID of the sender, byte 0 of a data frame; None where the frame is empty."""
+    """Return the node-ID of the sender, byte 0 of a data frame; None where the frame is empty."""
     return data[0] if data else None
 
 
 def type_and_service_of(data: bytes) -> bytes:
-    """Give bytes 1 and 2 of a data frame, type and service code; fewer bytes where the frame is shorter."""
+    """Return bytes 1 and 2 of a data frame, type and service code; fewer bytes where the frame is shorter."""
     return data[1:3]
 
 

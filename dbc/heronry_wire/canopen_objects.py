@@ -106,7 +106,7 @@ class Entry:
     meaning: str = ""
 
     def variable(self, sub_index: int) -> Variable | None:
-        """Give the variable at a sub-index; None where this object has no such sub-index."""
+        """Return the variable at a sub-index; None where this object has no such sub-index."""
         if self.kind in (Kind.VAR, Kind.DOMAIN):
             return self.variables[0] if sub_index == 0 else None
         if sub_index == 0:

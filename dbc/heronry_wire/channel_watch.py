@@ -49,7 +49,7 @@ class ChannelWatch:
         self._sign(self._left_ns, channel, at_ns)
 
     def lost(self, now_ns: int) -> frozenset[int]:
-        """Give the channels that are lost for this node, numbered from 1."""
+        """Return the channels that are lost for this node, numbered from 1."""
         if self._lost or self._lags(0) or self._lags(1):
             self._lost = frozenset(channel + 1 for channel in (0, 1) if self._is_lost(channel, now_ns))
         return self._lost

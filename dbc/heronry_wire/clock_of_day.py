@@ -12,7 +12,7 @@ _NS_PER_S, _NS_PER_MS = 1_000_000_000, 1_000_000
 
 
 def time_of_day(monotonic_ns: int | None = None) -> str:
-    """Give a time of the monotonic clock as HH:MM:SS.mmm of the local time; without an argument, the present time."""
+    """Return a time of the monotonic clock as HH:MM:SS.mmm of the local time; without an argument, the present time."""
     now_ns = time.time_ns()
     at_ns = now_ns if monotonic_ns is None else now_ns - (time.monotonic_ns() - monotonic_ns)
     seconds, rest_ns = divmod(at_ns, _NS_PER_S)

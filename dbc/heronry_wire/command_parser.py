@@ -59,7 +59,7 @@ class CommandParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"'{value}' is none of the choices; {meant(str(value), known)}")
 
     def _misspelt(self) -> str | None:
-        """Give a sentence about the first unknown option that resembles a known one; None if no option does."""
+        """Return a sentence about the first unknown option that resembles a known one; None if no option does."""
         names = (word.partition("=")[0] for word in self._given if word.startswith("--") and word != "--")
         said = (self._unknown([name]) for name in names if name not in self._option_string_actions)
         return next((sentence for sentence in said if "; did you mean" in sentence), None)
@@ -74,7 +74,7 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def program_version() -> str:
-    """Give the version of heronry that is installed."""
+    """Return the version of heronry that is installed."""
     return version("heronry")
 
 

@@ -91,7 +91,7 @@ class CommandSigner:
         return None if kind is None else self._tag(kind, frame.data)
 
     def welcome(self, node: int, nonce: int) -> tuple[Frame, Frame]:
-        """Give the WELCOME that answers a PE's nonce and opens its session, and the TAG of that WELCOME."""
+        """Return the WELCOME that answers a PE's nonce and opens its session, and the TAG of that WELCOME."""
         number = self.number + 1
         answer = Control(self.term, node, Operation.WELCOME, number >> 16, number & 0xFFFF).encode()
         return Frame(self._control_id, answer), self._tag(WELCOME_KIND, answer, nonce)
@@ -144,7 +144,7 @@ class CommandVerifier:
         return found
 
     def recognized(self, manager: int, data: bytes) -> Held | None:
-        """Give the newest held command if the TAG `data` proves that `manager` sent it at some time; else None.
+        """Return the newest held command if the TAG `data` proves that `manager` sent it at some time; else None.
 
         This method is for a manager of which no command has been accepted yet. The command that it gives does not count
         as accepted, since it may be a replay.
@@ -207,7 +207,7 @@ class CommandVerifier:
         return found._replace(arrived_ns=same[-1].arrived_ns) if same else found
 
     def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
-        """Give the term and number that a command must have for its TAG to be valid, or why the TAG is refused.
+        """Return the term and number that a command must have for its TAG to be valid, or why the TAG is refused.
 
         payload: bytes of the command. low: the lowest 13 bits of its number, from the TAG; a WELCOME has its whole
         number in the payload.
@@ -249,7 +249,7 @@ class CommandVerifier:
 
 
 def _term(kind: int, payload: bytes, otherwise: int) -> int:
-    """Give the term that a command names; `otherwise` for SLICE, which has no field for a term."""
+    """Return the term that a command names; `otherwise` for SLICE, which has no field for a term."""
     if kind == Command.SLICE:
         return otherwise
     first = int.from_bytes(payload[:2], "big")

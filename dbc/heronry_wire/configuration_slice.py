@@ -61,7 +61,7 @@ class Slice:
         return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
-        """Give a copy of this slice for the step BREAK.
+        """Return a copy of this slice for the step BREAK.
 
         The copy publishes a source only on those buses on which `before` also publishes it. It forwards a source only
         onto those buses onto which `before` also forwards it from the same producer.

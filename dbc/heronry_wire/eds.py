@@ -27,7 +27,7 @@ _FIRST_OWN, _LAST_OWN = 0x2000, 0x5FFF
 
 
 def eds_text() -> str:
-    """Give the whole content of the EDS file."""
+    """Return the whole content of the EDS file."""
     return "\n".join(line for section in _sections() for line in section)
 
 

@@ -4,7 +4,7 @@ from heronry_wire.management import EVERYWHERE, ElementKind
 
 
 def element_field(kind: ElementKind, node: int = EVERYWHERE) -> int:
-    """Give the argument `a` of CLEAR and HOLDS for an element of this kind.
+    """Return the argument `a` of CLEAR and HOLDS for an element of this kind.
 
     node: for a module that has failed on one PE alone, the node-ID of that PE; otherwise EVERYWHERE.
     """

@@ -17,13 +17,13 @@ _CUT = "..."
 
 
 def plain_reason(text: str) -> str:
-    """Give a reason in one line of printable ASCII; a line longer than REASON_BYTES loses its end."""
+    """Return a reason in one line of printable ASCII; a line longer than REASON_BYTES loses its end."""
     plain = _plain(text)
     return plain if len(plain) <= REASON_BYTES else plain[: REASON_BYTES - len(_CUT)] + _CUT
 
 
 def plain_traceback(text: str) -> str:
-    """Give a traceback in lines of printable ASCII, with its beginning cut off if it is too long."""
+    """Return a traceback in lines of printable ASCII, with its beginning cut off if it is too long."""
     plain = "\n".join(map(_plain, text[-TRACEBACK_BYTES:].splitlines()))
     cut = len(plain) > TRACEBACK_BYTES or len(text) > TRACEBACK_BYTES
     return _CUT + plain[len(_CUT) - TRACEBACK_BYTES :] if cut else plain

@@ -67,7 +67,7 @@ class LoggedFrame(NamedTuple):
 
 
 def arbitration_key(frame: Frame) -> int:
-    """Give a key by which frames sort as in arbitration: of two frames that start together, the smaller key wins.
+    """Return a key by which frames sort as in arbitration: of two frames that start together, the smaller key wins.
 
     The bits are compared as they are sent: the 11 base bits, RTR (SRR when extended), IDE, then the other 18 bits and
     RTR. So a standard frame wins against an extended one with the same base, and a data frame against the remote frame

@@ -72,7 +72,7 @@ class FramePort(Protocol):
 
     @property
     def mailboxes(self) -> int:
-        """Give how many frames the controller takes at once; more than one only if they compete by priority."""
+        """Return how many frames the controller takes at once; more than one only if they compete by priority."""
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
         """Take back the 11-bit frames with these identifiers that have not left; only with several mailboxes."""
@@ -204,7 +204,7 @@ def _frame(can_id: int, data: bytes) -> Frame:
 
 
 def port_of(bus: can.BusABC, *, has_nothing_left: Callable[[], bool], noise: Callable[[], None]) -> FramePort:
-    """Give the port of an open bus; the arguments are those of `MessagePort`."""
+    """Return the port of an open bus; the arguments are those of `MessagePort`."""
     own: Callable[[], FramePort] | None = getattr(bus, "frame_port", None)
     if own is not None:
         return own()

@@ -67,7 +67,7 @@ class LinkReport:
 
 
 def link_id(radio: int) -> int:
-    """Give the identifier of the reports on a radio; raises WireError if `radio` is not one of the numbers 0 to 8.
+    """Return the identifier of the reports on a radio; raises WireError if `radio` is not one of the numbers 0 to 8.
 
     radio: position of the radio among the wireless buses of the spec, from 0.
     """

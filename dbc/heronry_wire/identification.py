@@ -51,7 +51,7 @@ class IdentificationService:
         return True
 
     def tick(self, now_ns: int) -> list[Send]:
-        """Give the answers that are due at `now_ns`."""
+        """Return the answers that are due at `now_ns`."""
         due = [send for at_ns, send in self._due if at_ns <= now_ns]
         self._due = [(at_ns, send) for at_ns, send in self._due if at_ns > now_ns]
         self.next_ns = min((at_ns for at_ns, _ in self._due), default=NEVER_NS)

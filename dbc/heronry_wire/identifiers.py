@@ -111,42 +111,42 @@ class Meaning(NamedTuple):
 
 
 def emergency_event_id(node_id: int) -> int:
-    """Give the identifier of the emergency events of a node, 1..127."""
+    """Return the identifier of the emergency events of a node, 1..127."""
     return _checked(node_id, EMERGENCY_EVENT_IDS, "any node")
 
 
 def emcy_id(node_id: int) -> int:
-    """Give the CANopen EMCY identifier of a PE or manager."""
+    """Return the CANopen EMCY identifier of a PE or manager."""
     return _EMCY_BASE + _checked(node_id, NODES, "a PE or manager")
 
 
 def state_id(node_id: int) -> int:
-    """Give the identifier of the state frame of a PE."""
+    """Return the identifier of the state frame of a PE."""
     return _STATE_BASE + _checked(node_id, PE_NODES, "a PE")
 
 
 def sdo_response_id(node_id: int) -> int:
-    """Give the identifier of the answers of the SDO server of a node."""
+    """Return the identifier of the answers of the SDO server of a node."""
     return _SDO_RESPONSE_BASE + _checked(node_id, NODES, "a PE or manager")
 
 
 def sdo_request_id(node_id: int) -> int:
-    """Give the identifier of the requests to the SDO server of a node."""
+    """Return the identifier of the requests to the SDO server of a node."""
     return _SDO_REQUEST_BASE + _checked(node_id, NODES, "a PE or manager")
 
 
 def heartbeat_id(node_id: int) -> int:
-    """Give the identifier of the one-byte CANopen heartbeat of a node."""
+    """Return the identifier of the one-byte CANopen heartbeat of a node."""
     return _HEARTBEAT_BASE + _checked(node_id, NODES, "a PE or manager")
 
 
 def actuator_echo_id(node_id: int) -> int:
-    """Give the identifier of the output echo of a PE."""
+    """Return the identifier of the output echo of a PE."""
     return _ECHO_BASE + _checked(node_id, PE_NODES, "a PE")
 
 
 def management_id(manager: int, command: Command) -> int:
-    """Give the identifier of a management command of a manager, whose node-ID is 126 or 127."""
+    """Return the identifier of a management command of a manager, whose node-ID is 126 or 127."""
     index = _checked(manager, MANAGER_NODES, "a manager") - FIRST_MANAGER
     return _MANAGEMENT_BASE + _MANAGEMENT_STEP * index + command
 
@@ -158,7 +158,7 @@ def _checked(node_id: int, allowed: range, kind: str) -> int:
 
 
 def planned_uses() -> Iterable[tuple[int, Meaning]]:
-    """Give every identifier to which this project assigns a meaning, with this meaning.
+    """Return every identifier to which this project assigns a meaning, with this meaning.
 
     Identifiers that are not in the result are unassigned.
     """
@@ -194,7 +194,7 @@ _MEANINGS = dict(planned_uses())
 
 
 def classify(can_id: int) -> Meaning:
-    """Give the meaning of an 11-bit identifier; its use is UNASSIGNED where the plan does not have the identifier."""
+    """Return the meaning of an 11-bit identifier; its use is UNASSIGNED where the plan does not have the identifier."""
     return _MEANINGS.get(can_id, _UNASSIGNED)
 
 

@@ -98,7 +98,7 @@ def finished() -> None:
 
 
 def came() -> int:
-    """Give the exit code of the signal that has interrupted this process; 0 where no signal has come."""
+    """Return the exit code of the signal that has interrupted this process; 0 where no signal has come."""
     return 128 + _State.came if _State.came else 0
 
 

@@ -55,7 +55,7 @@ class Layout:
         return self.fields_of(data)
 
     def span(self, name: str) -> tuple[int, int]:
-        """Give the first byte of a field and the byte after its last, by which a caller can read this field alone.
+        """Return the first byte of a field and the byte after its last, by which a caller can read this field alone.
 
         Raises ValueError if the field does not consist of whole bytes.
         """
@@ -67,7 +67,7 @@ class Layout:
         raise ValueError(f"{self.name} has no field '{name}' that consists of whole bytes")
 
     def largest(self, name: str) -> int:
-        """Give the largest number that a field can hold."""
+        """Return the largest number that a field can hold."""
         return next(mask for field, _, mask in self._steps if field == name)
 
     def fields_of(self, data: bytes) -> tuple[int, ...]:

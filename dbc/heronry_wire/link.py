@@ -115,7 +115,7 @@ class Link:
 
     @property
     def readers(self) -> Sequence["Link"]:
-        """Give the links whose file descriptors are to be watched for incoming frames."""
+        """Return the links whose file descriptors are to be watched for incoming frames."""
         return (self,) if self._bus is not None else ()
 
     @property
@@ -129,7 +129,7 @@ class Link:
         return self.health.has_link_events
 
     def take_link_events(self) -> list[str]:
-        """Give the link status events since the last call, each as a sentence."""
+        """Return the link status events since the last call, each as a sentence."""
         return self.health.take_link_events()
 
     @property
@@ -341,7 +341,7 @@ class Link:
             self.health.back(now_ns)
 
     def departures_ns(self) -> list[int]:
-        """Give, for each frame that left the queue since the last call, for how long the controller had it, in ns.
+        """Return, for each frame that left the queue since the last call, for how long the controller had it, in ns.
 
         0 means that the time is not known, or that the frame was dropped because the bus is lost.
         """
@@ -413,11 +413,11 @@ class Link:
         self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in accepted])
 
     def _mailboxes(self) -> int:
-        """Give how many frames the controller may have at once."""
+        """Return how many frames the controller may have at once."""
         return 1 if self.one_at_a_time or self._port is None else self._port.mailboxes
 
     def _haste(self) -> Haste:
-        """Give the haste of the first frame in the queue."""
+        """Return the haste of the first frame in the queue."""
         if not self.is_calm:
             return Haste.URGENT
         room = self._mailboxes() - len(self._in_flight)

@@ -75,7 +75,7 @@ class Operation(IntEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> "Operation | None":
-        """Give a number of one byte without a name here as an operation of a later minor."""
+        """Return a number of one byte without a name here as an operation of a later minor."""
         if not isinstance(value, int) or not 0 <= value <= 0xFF:
             return None
         later = int.__new__(cls, value)
@@ -320,7 +320,7 @@ class Emergency:
 
     @property
     def acknowledgement(self) -> tuple[int, int]:
-        """Give the arguments `a` and `b` of the CONTROL that acknowledges this report."""
+        """Return the arguments `a` and `b` of the CONTROL that acknowledges this report."""
         restart = RESTART_HEARD if self.code is FaultCode.MODULE_RESTARTED else 0
         return self.kind | restart, self.detail if self.kind is ElementKind.PHASE else self.index
 
@@ -352,7 +352,7 @@ def is_newer(epoch: int, than: int) -> bool:
 
 
 def newest_epoch(epochs: Iterable[int]) -> int:
-    """Give the newest of some epochs, which must lie within 2^15 of one another; NO_EPOCH where `epochs` is empty."""
+    """Return the newest of some epochs, which must lie within 2^15 of one another; NO_EPOCH where `epochs` is empty."""
     newest = NO_EPOCH
     for epoch in epochs:
         newest = epoch if is_newer(epoch, newest) else newest
@@ -360,7 +360,7 @@ def newest_epoch(epochs: Iterable[int]) -> int:
 
 
 def next_epoch(epoch: int) -> int:
-    """Give the number of the next epoch after this one; it is never 0."""
+    """Return the number of the next epoch after this one; it is never 0."""
     return epoch % 0xFFFF + 1
 
 
@@ -447,34 +447,34 @@ def is_welcome(control: bytes) -> bool:
 
 
 def control_node(data: bytes) -> int:
-    """Give the node-ID that a CONTROL addresses, from its payload, whose length must be right."""
+    """Return the node-ID that a CONTROL addresses, from its payload, whose length must be right."""
     return data[_CONTROL_NODE_AT]
 
 
 def slice_node(data: bytes) -> int:
-    """Give the node-ID of the PE whose slice is in a SLICE, from the payload, which must have the right length."""
+    """Return the node-ID of the PE whose slice is in a SLICE, from the payload, which must have the right length."""
     return data[_NODE_AT]
 
 
 def read_alive(data: bytes, node: int) -> tuple[int, bool] | None:
-    """Give the term of an ALIVE, and whether the ALIVE names `node` (92..125); None where `data` has a wrong length."""
+    """Return the term of an ALIVE, and whether it names `node` (92..125); None where `data` has a wrong length."""
     fields = ALIVE.unpack(data)
     return None if fields is None else (fields[0], bool(fields[3] >> node - FIRST_PE & 1))
 
 
 def without_sequence(alive: bytes) -> bytes:
-    """Give the payload of an ALIVE without the number that changes with every ALIVE."""
+    """Return the payload of an ALIVE without the number that changes with every ALIVE."""
     return alive[:_SEQUENCE_FROM] + alive[_SEQUENCE_TO:]
 
 
 def decode_tag(data: bytes) -> tuple[int, int, int] | None:
-    """Give the three fields of a TAG: kind, number (its lowest 13 bits) and tag; None if `data` has a wrong length."""
+    """Return the three fields of a TAG: kind, number (its lowest 13 bits), tag; None if `data` has a wrong length."""
     fields = TAG.unpack(data)
     return None if fields is None else (fields[0], fields[1], fields[2])
 
 
 def tag_kind(data: bytes) -> int | None:
-    """Give the kind of command that a TAG is for, from its first byte; None where the TAG is empty."""
+    """Return the kind of command that a TAG is for, from its first byte; None where the TAG is empty."""
     return data[0] >> 8 - TAG.fields[0].bits if data else None
 
 

@@ -38,7 +38,7 @@ def decode_command(data: bytes) -> NmtCommand | None:
 
 
 def code_of(data: bytes) -> int:
-    """Give the code of an NMT command; `data` must have at least one byte."""
+    """Return the code of an NMT command; `data` must have at least one byte."""
     return data[0]
 
 
@@ -48,5 +48,5 @@ def encode_heartbeat(state: NmtState) -> bytes:
 
 
 def decode_heartbeat(data: bytes) -> int:
-    """Give the code of the sender's state from the payload of a heartbeat, which must have at least one byte."""
+    """Return the code of the sender's state from the payload of a heartbeat, which must have at least one byte."""
     return data[0]

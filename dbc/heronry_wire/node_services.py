@@ -97,7 +97,7 @@ class Identification(NamedTuple):
 
 
 def service_id(channel: int, *, is_answer: bool) -> int:
-    """Give the identifier of the requests on a channel, or of the answers; raises WireError for an unknown channel."""
+    """Return the identifier of a channel's requests, or of its answers; raises WireError for an unknown channel."""
     low = channel >= _FIRST_LOW_CHANNEL
     ids, index = (LOW_SERVICE_IDS, channel - _FIRST_LOW_CHANNEL) if low else (HIGH_SERVICE_IDS, channel)
     if not 0 <= 2 * index < len(ids) or ids[2 * index] in LSS_IDS:
@@ -106,7 +106,7 @@ def service_id(channel: int, *, is_answer: bool) -> int:
 
 
 def encode_service(message: ServiceMessage) -> Frame:
-    """Give the frame of a node service message."""
+    """Return the frame of a node service message."""
     return encode_data(service_id(message.channel, is_answer=message.is_answer), message.datum)
 
 
@@ -161,7 +161,7 @@ def answer_identification(request: ServiceMessage, node_id: int, own: Identifica
 
 
 def read_identification(message: ServiceMessage) -> Identification | Malformed:
-    """Give the identification in an answer to IDS; `Malformed` for any other message."""
+    """Return the identification in an answer to IDS; `Malformed` for any other message."""
     _, data_type, service, _, value = message.datum
     right = message.is_answer and service == Service.IDS and data_type == DataType.UCHAR4
     if not right or not isinstance(value, tuple):

@@ -215,7 +215,7 @@ class PeTable:
         return hashlib.sha256(json.dumps(self, separators=_COMPACT, default=_identifying).encode()).digest()
 
     def to_json(self) -> str:
-        """Give the table as text in one line, with the keys in a fixed order and the check sum at the end."""
+        """Return the table as text in one line, with the keys in a fixed order and the check sum at the end."""
         return with_check_sum(_record(self))
 
     @classmethod
@@ -235,19 +235,19 @@ class PeTable:
         return table
 
     def preloaded(self) -> tuple[Preloaded, ...]:
-        """Give the contingencies on board, the first of which has number 1; raises TableError."""
+        """Return the contingencies on board, the first of which has number 1; raises TableError."""
         try:
             return read_block(b64decode(self.contingencies, validate=True))
         except (PackingError, ValueError) as error:
             raise TableError(f"the contingencies of the table cannot be read ({error}); {_REMEDY}") from None
 
     def leaf_counts(self) -> dict[tuple[int, int], int]:
-        """Give the number of leaves of each mode, by (module index, mode index)."""
+        """Return the number of leaves of each mode, by (module index, mode index)."""
         return {(m.index, i): len(mode.leaves) for m in self.modules for i, mode in enumerate(m.modes)}
 
 
 def with_check_sum(content: Mapping[str, Any]) -> str:
-    """Give the text of a table with this content (values that are records may be dataclasses), and its check sum."""
+    """Return the text of a table with this content (values that are records may be dataclasses), and its check sum."""
     return json.dumps({**content, _CHECK_SUM: _check_sum(content)}, separators=_COMPACT, default=_record)
 
 

@@ -138,5 +138,5 @@ def silent_after_ns(period_ns: int, lease_ns: int) -> int:
 
 
 def t_lease_ns(period_ns: int) -> int:
-    """Give T_lease in ns, for a bus with this heartbeat period."""
+    """Return T_lease in ns, for a bus with this heartbeat period."""
     return LEASE_PERIODS * period_ns

@@ -30,7 +30,7 @@ class Version:
 
     @staticmethod
     def of_number(number: int) -> "Version":
-        """Give the version that `number` gives for it."""
+        """Return the version that `number` gives for it."""
         return Version(number >> 16, number & 0xFFFF)
 
     def __str__(self) -> str:

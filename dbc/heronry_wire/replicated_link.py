@@ -90,7 +90,7 @@ class ReplicatedLink:
 
     @property
     def readers(self) -> Sequence[Link]:
-        """Give the links whose file descriptors are to be watched for incoming frames."""
+        """Return the links whose file descriptors are to be watched for incoming frames."""
         return [link for link in self.links if link.is_open]
 
     @property
@@ -124,11 +124,11 @@ class ReplicatedLink:
         return any(link.has_link_events for link in self.links)
 
     def take_link_events(self) -> list[str]:
-        """Give the link status events of both channels since the last call, each as a sentence."""
+        """Return the link status events of both channels since the last call, each as a sentence."""
         return [sentence for link in self.links for sentence in link.take_link_events()]
 
     def lost_channels(self, now_ns: int) -> frozenset[int]:
-        """Give the channels, numbered from 1, that are lost for this node although the other channel carries frames."""
+        """Return the channels, numbered from 1, that are lost for this node while the other one carries frames."""
         return self._watch.lost(now_ns)
 
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
@@ -191,7 +191,7 @@ class ReplicatedLink:
         return min((at_ns for link in self.links if (at_ns := link.next_deadline_ns()) is not None), default=None)
 
     def departures_ns(self) -> list[int]:
-        """Give for each frame sent since the last call how long the controller had it, in ns.
+        """Return for each frame sent since the last call how long the controller had it, in ns.
 
         0 means that the time is not known, or that the frame was dropped because both channels are lost. Of the two
         copies of a frame, the one that was sent first counts.

@@ -23,7 +23,7 @@ class RuntimeFolderError(HeronryError):
 
 
 def runtime_folder() -> Path:
-    """Give the path of the folder in which this user's programs find each other's sockets.
+    """Return the path of the folder in which this user's programs find each other's sockets.
 
     The folder need not exist, and its owner and access rights are not verified.
     """
@@ -46,7 +46,7 @@ def owned_folder(folder: Path) -> Path:
 
 
 def trusted_folder(folder: Path) -> Path:
-    """Give `folder` if it belongs to this user and no other user can write to it, or if it does not exist.
+    """Return `folder` if it belongs to this user and no other user can write to it, or if it does not exist.
 
     Raises RuntimeFolderError for any other folder.
     """

@@ -73,7 +73,7 @@ class Abort(Enum):
 
 
 def read_head(message: bytes) -> tuple[int, int, bytes]:
-    """Give index, sub-index and the last four bytes of a message that opens a transfer or aborts one."""
+    """Return index, sub-index and the last four bytes of a message that opens a transfer or aborts one."""
     _, index, sub_index, rest = _HEAD.unpack(message)
     return index, sub_index, rest
 
@@ -94,7 +94,7 @@ def read_number(value: bytes) -> int:
 
 
 def expedited_length(command: int) -> int:
-    """Give the number of data bytes in a message that opens a transfer and carries all of its data.
+    """Return the number of data bytes in a message that opens a transfer and carries all of its data.
 
     command: first byte of the message.
     """
@@ -102,17 +102,17 @@ def expedited_length(command: int) -> int:
 
 
 def segment_data(message: bytes) -> bytes:
-    """Give the data that a segment carries, 1 to 7 bytes."""
+    """Return the data that a segment carries, 1 to 7 bytes."""
     return message[1 : MESSAGE_BYTES - (message[0] >> 1 & 7)]
 
 
 def block_segment_data(message: bytes) -> bytes:
-    """Give the seven bytes of a segment in a block, of which the last ones may be padding (`unused_in_block`)."""
+    """Return the seven bytes of a segment in a block, of which the last ones may be padding (`unused_in_block`)."""
     return message[1:]
 
 
 def unused_in_block(message: bytes) -> int:
-    """Give the number of padding bytes in the last segment; `message` is the one that ends the block transfer."""
+    """Return the number of padding bytes in the last segment; `message` is the one that ends the block transfer."""
     return message[0] >> 2 & 7
 
 
@@ -152,7 +152,7 @@ def block_end(command: int, checksum: int = 0) -> bytes:
 
 
 def block_checksum(message: bytes) -> int:
-    """Give the checksum that the message at the end of a block transfer carries."""
+    """Return the checksum that the message at the end of a block transfer carries."""
     checksum: int = _BLOCK_END.unpack(message)[1]
     return checksum
 

@@ -39,7 +39,7 @@ def open_at_server(config: Mapping[str, Any]) -> can.BusABC:
 
 
 def connection_of(bus: can.BusABC) -> socket.socket | None:
-    """Give the TCP connection of an open bus, set to blocking; None for a bus of another back-end."""
+    """Return the TCP connection of an open bus, set to blocking; None for a bus of another back-end."""
     if not bus.channel_info.startswith(f"{INTERFACE} "):
         return None
     connection = next((kept for kept in vars(bus).values() if isinstance(kept, socket.socket)), None)

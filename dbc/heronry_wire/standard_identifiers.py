@@ -37,7 +37,7 @@ def standard_identifier(can_id: int) -> StandardIdentifier | None:
 
 @cache
 def standard_identifiers() -> dict[int, StandardIdentifier]:
-    """Give the whole list by identifier; one shared dict, to be read only."""
+    """Return the whole list by identifier; one shared dict, to be read only."""
     text = files(__package__).joinpath("nod.csv").read_text(encoding="utf-8")
     rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
     return {int(row["id"]): _from_row(row) for row in rows}

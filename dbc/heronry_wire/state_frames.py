@@ -163,17 +163,17 @@ def page_of(data: bytes) -> int | None:
 
 
 def epoch_of(page_0: bytes) -> int:
-    """Give the number of the epoch in the bytes of a page 0; the caller has checked their length."""
+    """Return the number of the epoch in the bytes of a page 0; the caller has checked their length."""
     return int.from_bytes(page_0[_EPOCH_FROM:_EPOCH_TO], "big")
 
 
 def sequence_of(page_0: bytes) -> int:
-    """Give the sequence number in a page 0; the bytes after that number may be missing."""
+    """Return the sequence number in a page 0; the bytes after that number may be missing."""
     return page_0[_SEQUENCE_FROM]
 
 
 def without_sequence(data: bytes) -> bytes:
-    """Give a state frame without the byte that holds the sequence in page 0, so that repeated states compare equal."""
+    """Return a state frame without the byte that holds the sequence in page 0, so that repeated states are equal."""
     return data[:_SEQUENCE_FROM] + data[_SEQUENCE_TO:]
 
 
@@ -184,7 +184,7 @@ def split_state(data: bytes) -> tuple[bytes, int]:
 
 
 def joined_state(said: bytes, tag: int) -> bytes:
-    """Give a page 0 or 1 with a tag in the place of its digest.
+    """Return a page 0 or 1 with a tag in the place of its digest.
 
     said: the other bytes of the page, as `split_state` gives them.
     """

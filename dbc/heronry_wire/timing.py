@@ -57,14 +57,14 @@ Exact = int | Fraction
 
 
 def worst_bits(data_bytes: int, *, extended: bool = False) -> int:
-    """Give the greatest length in bits of a frame with this number of data bytes; raises WireError outside 0..8."""
+    """Return the greatest length in bits of a frame with this number of data bytes; raises WireError outside 0..8."""
     if not 0 <= data_bytes <= MAX_DATA_BYTES:
         raise WireError(f"a frame has 0..8 data bytes, not {data_bytes}")
     return (80 if extended else 55) + 10 * data_bytes
 
 
 def exact_bits(frame: Frame) -> int:
-    """Give the length of a frame in bits, with the stuff bits that its content needs; not for error frames."""
+    """Return the length of a frame in bits, with the stuff bits that its content needs; not for error frames."""
     data = frame.data
     if frame.extended:
         base, extension = frame.can_id >> 18, frame.can_id & 0x3FFFF
@@ -82,7 +82,7 @@ def exact_bits(frame: Frame) -> int:
 
 @lru_cache(maxsize=4096)
 def _head(header: int, header_bits: int) -> tuple[int, int, int]:
-    """Give three numbers for the header of a frame: the frame's length, the CRC, and the state of the stuffing.
+    """Return three numbers for the header of a frame: the frame's length, the CRC, and the state of the stuffing.
 
     The length, in bits, contains neither the data nor the stuff bits after the header. The CRC and the state of the
     stuffing (its index in `_STATES`) are those after the last bit of the header.
@@ -326,7 +326,7 @@ def _window(level: _Level, burst: int, interval: int, ahead: int, above: list[_S
 
 
 def _longest(stream: _Stream, busy: int, queue: _Window) -> tuple[int, int]:
-    """Give the longest response time of a message in its busy period, and how many instances this period has.
+    """Return the longest response time of a message in its busy period, and how many instances this period has.
 
     All times are in the unit of the times of `stream`.
 

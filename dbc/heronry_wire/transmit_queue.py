@@ -75,7 +75,7 @@ class TransmitQueue:
         return count
 
     def first(self, now_ns: int) -> Frame | None:
-        """Give the most urgent frame that may be sent now, without removing it; None where no frame may.
+        """Return the most urgent frame that may be sent now, without removing it; None where no frame may.
 
         Frames that have expired at `now_ns` are dropped.
         """

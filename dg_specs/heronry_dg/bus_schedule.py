@@ -96,7 +96,7 @@ class BusSchedule:
     blocking_ns: int  # longest frame that may have started just before a message is due
 
     def share(self, message: ScheduledMessage) -> Fraction:
-        """Give the share of this bus's bit rate that a message takes at most."""
+        """Return the share of this bus's bit rate that a message takes at most."""
         return Fraction(message.bits * _NS_PER_S, message.period_ns * self.bus.bitrate)
 
     @property
@@ -183,7 +183,7 @@ def _datum(
 
 
 def _arrives(hop: Hop, responses: _Responses) -> int | None:
-    """Give how late data may come to the bus of `hop`: the response time (ns) of the hop before; None: no bound.
+    """Return how late data may come to the bus of `hop`: the response time (ns) of the hop before; None: no bound.
 
     The time is 0 if no hop comes before, and if the bus before is wireless, since wireless buses are not analysed.
     """
@@ -194,7 +194,7 @@ def _arrives(hop: Hop, responses: _Responses) -> int | None:
 def _messages(
     bus: Bus, others: list[ScheduledMessage], data: list[ScheduledMessage], jitters: list[int | None]
 ) -> tuple[ScheduledMessage, ...]:
-    """Give all regular messages of a bus by priority: `data` unchanged, `others` with their response times.
+    """Return all regular messages of a bus by priority: `data` unchanged, `others` with their response times.
 
     Response times are computed on a wired bus only.
 
@@ -220,7 +220,7 @@ def _messages(
 def _time_of_the_last(
     bus: Bus, given: list[tuple[ScheduledMessage, int | None]], ranged: ScheduledMessage
 ) -> int | None:
-    """Give the response time in ns of a message with a range of identifiers, for the last of them; None: no bound."""
+    """Return the response time in ns of a message with a range of identifiers, for the last of them; None: no bound."""
     lowest = _priority(replace(ranged, identifier=ranged.last or 0))
     above = [(one, jitter) for one, jitter in given if one is not ranged and _priority(one) <= lowest]
     if any(jitter is None for _, jitter in above):
@@ -229,7 +229,7 @@ def _time_of_the_last(
 
 
 def _priority(message: ScheduledMessage) -> tuple[int, bool, int]:
-    """Give what arbitration compares: the upper 11 bits, whether more bits follow, and all of them; less wins."""
+    """Return what arbitration compares: the upper 11 bits, whether more bits follow, and all of them; less wins."""
     upper = message.identifier >> _LOWER_BITS if message.extended else message.identifier
     return upper, message.extended, message.identifier
 
@@ -261,7 +261,7 @@ def _reports(spec: Spec) -> Iterator[tuple[tuple[str, ...], ScheduledMessage]]:
 
 
 def _above(spec: Spec, bus: Bus, rates: EchoRates) -> list[ScheduledMessage]:
-    """Give the management messages of a bus that precede data: LEASE, ALIVE, and the states that it carries."""
+    """Return the management messages of a bus that precede data: LEASE, ALIVE, and the states that it carries."""
     lease, alive = (management_id(FIRST_MANAGER, command) for command in (Command.LEASE, Command.ALIVE))
     period_ns = bus.heartbeat_ns
     return [
@@ -275,12 +275,12 @@ def _above(spec: Spec, bus: Bus, rates: EchoRates) -> list[ScheduledMessage]:
 
 
 def _nodes(spec: Spec, bus: Bus, rates: EchoRates) -> list[tuple[int, str]]:
-    """Give node-ID and name of each PE on a bus, and of each PE beyond whose frames gateways forward to it."""
+    """Return node-ID and name of each PE on a bus, and of each PE beyond whose frames gateways forward to it."""
     return sorted((pe.node_id, pe.name) for pe in spec.pes.values() if rates.carries(bus.name, pe.name))
 
 
 def _state_period_ns(spec: Spec, bus: Bus, pe: str, rates: EchoRates) -> int:
-    """Give the period of the states of a PE on a bus: that of the bus, or of the PE's own bus if it is beyond."""
+    """Return the period of the states of a PE on a bus: that of the bus, or of the PE's own bus if it is beyond."""
     own = bus.name in spec.pes[pe].buses
     return bus.heartbeat_ns if own else spec.buses[rates.way(pe)[0]].heartbeat_ns
 
@@ -318,7 +318,7 @@ def _management(
 
 
 def _times(bus: Bus, messages: list[ScheduledMessage], jitters_ns: list[int]) -> list[int | None]:
-    """Give the response time of each message in ns, rounded up; None where it is unbounded."""
+    """Return the response time of each message in ns, rounded up; None where it is unbounded."""
     bits_per_ns = Fraction(bus.bitrate, _NS_PER_S)
     analysed = [
         Message(m.name, m.bits, m.period_ns * bits_per_ns, jitter * bits_per_ns, m.deadline_ns * bits_per_ns)

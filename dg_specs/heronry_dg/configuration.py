@@ -38,7 +38,7 @@ class Configuration:
         return spec.modules[module].modes[self.modules[module].mode]
 
     def wires(self) -> Iterator[tuple[str, str, Wire]]:
-        """Give every wire as (consumer, leaf path, wire)."""
+        """Yield every wire as (consumer, leaf path, wire)."""
         for consumer, running in self.modules.items():
             for path, wire in running.inputs.items():
                 yield consumer, path, wire

@@ -12,7 +12,7 @@ N = TypeVar("N")
 
 
 def components(graph: Mapping[N, Collection[N]]) -> list[list[N]]:
-    """Give the strongly connected components of a graph (Tarjan 1972).
+    """Return the strongly connected components of a graph (Tarjan 1972).
 
     A component comes after the components to which its nodes point. The nodes of a component are in the order of the
     graph.
@@ -21,7 +21,7 @@ def components(graph: Mapping[N, Collection[N]]) -> list[list[N]]:
 
 
 def shortest_cycle(graph: Mapping[N, Collection[N]], component: Collection[N]) -> list[N]:
-    """Give a shortest cycle through the first node of a strongly connected component; empty where there is none."""
+    """Return a shortest cycle through the first node of a strongly connected component; empty where there is none."""
     inside = set(component)
     first = next(iter(component))
     parents: dict[N, N] = {}

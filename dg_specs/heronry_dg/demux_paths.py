@@ -104,7 +104,7 @@ def _wrong_ends(paths: "DemuxPaths", demux: Demux) -> Iterator[EndMistake]:
 
 
 def _actuators_beyond(paths: "DemuxPaths", end: str, branch: str) -> list[str]:
-    """Give the modules of a branch that drive an actuator, if its end drives none."""
+    """Return the modules of a branch that drive an actuator, if its end drives none."""
     spec = paths.spec
     if _drives(spec, spec.modules[end]):
         return []

@@ -215,7 +215,7 @@ class _DraftReader:
             yield from self._named(entry.node, f"'{section}'")
 
     def _named(self, node: Node, subject: str) -> Iterator[tuple[str, yaml_source.Entry]]:
-        """Give the entries of a map whose keys are names.
+        """Yield the entries of a map whose keys are names.
 
         A node that is not a map gives a finding and no entries. A name that is not valid gives a finding, and its
         entry is given, too.
@@ -355,12 +355,12 @@ class _FormFindings:
 
 
 def _meant(findings: Findings, names: Collection[str], known: Collection[str]) -> set[str]:
-    """Give the fields of `known` that the author probably meant when writing the misspelt `names`."""
+    """Return the fields of `known` that the author probably meant when writing the misspelt `names`."""
     return {closest for name in names if (closest := findings.closest(str(name), known)) is not None}
 
 
 def _translated(error: Any) -> tuple[Rule, str, str]:
-    """Give rule, sentence and hint for an error that pydantic itself raises."""
+    """Return rule, sentence and hint for an error that pydantic itself raises."""
     rule, wanted, hint = _WANTED.get(
         error["type"], (rules.WRONG_TYPE, "something else", "heronry schema tells what each field may be")
     )

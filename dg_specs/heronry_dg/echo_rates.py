@@ -63,7 +63,7 @@ class ReserveUse:
 
 
 def outputs_of(spec: Spec) -> dict[str, tuple[str, ...]]:
-    """Give the possible PEs of each module that is echoed: it drives an actuator, or serves a function."""
+    """Return the possible PEs of each module that is echoed: it drives an actuator, or serves a function."""
     serving = {output for function in spec.functions.values() for output in function.outputs}
     return {
         module.name: hosts_when_all_is_up(spec, module)
@@ -92,12 +92,12 @@ class EchoRates:
         }
 
     def of(self, pe: str) -> int:
-        """Give how often, per second, an output on a PE is echoed."""
+        """Return how often, per second, an output on a PE is echoed."""
         rates = (self.by_bus[bus].echoes_per_s for bus in self._ways.get(pe, ()))
         return min(rates, default=MOST_ECHOES_PER_S)
 
     def longest_gap_ns(self, modules: Iterable[str]) -> int:
-        """Give the longest time in ns from one echo of some modules to the next, in any mode, on any of their PEs.
+        """Return the longest time in ns from one echo of some modules to the next, in any mode, on any of their PEs.
 
         That is a period of the slowest mode; or of the echoes of a PE which has not room for the most of them. (With
         this room a plant may ask for an echo of every command.)
@@ -109,7 +109,7 @@ class EchoRates:
         return max([1000 * _NS_PER_S // slowest, *scarce])
 
     def way(self, pe: str) -> tuple[str, ...]:
-        """Give the buses over which the frames of a PE go to the manager, in order; () for a PE that none reaches."""
+        """Return the buses over which the frames of a PE go to the manager, in order; () for a PE that none reaches."""
         return self._ways.get(pe, ())
 
     def carries(self, bus: str, pe: str) -> bool:

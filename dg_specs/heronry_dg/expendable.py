@@ -17,7 +17,7 @@ _NOT_CRITICAL = len(CRITICALITIES) - 1
 
 
 def expendable(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """Give the modules of a legal configuration that may stop while no manager is heard."""
+    """Return the modules of a legal configuration that may stop while no manager is heard."""
     critical = [f for f in spec.functions.values() if best_rank(spec, f) < _NOT_CRITICAL]
     frontier = [output for function in critical for output in function.outputs if output in configuration.modules]
     kept: set[str] = set()

@@ -68,11 +68,11 @@ class ExpressionReader:
         self._read_named_gates()
 
     def shorthands(self) -> dict[str, Expression]:
-        """Give the expression of every named gate that is no DEMUX and has no mistake, in the order of the file."""
+        """Return the expression of every named gate that is no DEMUX and has no mistake, in the order of the file."""
         return self._expressions_of(self._draft.shorthands)
 
     def demuxes(self) -> dict[str, Expression]:
-        """Give the expression in front of every DEMUX without mistake, in the order of the file."""
+        """Return the expression in front of every DEMUX without mistake, in the order of the file."""
         return self._expressions_of(self._draft.demuxes)
 
     def _expressions_of(self, names: Iterable[str]) -> dict[str, Expression]:
@@ -383,7 +383,7 @@ def _expressions(inputs: list[Reading]) -> tuple[Expression, ...]:
 
 
 def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
-    """Give the best and the worst version of a variable that a reference accepts.
+    """Return the best and the worst version of a variable that a reference accepts.
 
     A reference without a version accepts all versions.
 
@@ -396,7 +396,7 @@ def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
 
 
 def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> tuple[int, ...]:
-    """Give the points of an input without `worth`, one number per accepted version, best version first.
+    """Return the points of an input without `worth`, one number per accepted version, best version first.
 
     If the input accepts only one version, and is below neither an OR nor a XOR, the points are 0. Otherwise a better
     version gets more points than a worse one.
@@ -415,5 +415,5 @@ def _is_points(value: object) -> TypeGuard[int]:
 
 
 def _names_in(node: Node) -> Iterator[str]:
-    """Give every name in an expression, without versions."""
+    """Return every name in an expression, without versions."""
     return (text.partition("@")[0] for text in yaml_source.texts(node))

@@ -106,7 +106,7 @@ class Findings:
         self.add(rule, place, f"no {kind_word(kind)} is named {shown(name)}", hint)
 
     def suggestion(self, name: str, known: Collection[str]) -> str:
-        """Give the hint "did you mean ...?" with the most similar known name; empty where none is similar."""
+        """Return the hint "did you mean ...?" with the most similar known name; empty where none is similar."""
         closest = self.closest(name, known)
         return f"did you mean '{closest}'?" if closest is not None else ""
 
@@ -115,7 +115,7 @@ class Findings:
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:
-        """Give the known name that the author may have meant; upper and lower case count as equal.
+        """Return the known name that the author may have meant; upper and lower case count as equal.
 
         None: no known name is similar, `name` is too long, or there are too many names to compare.
         """
@@ -127,12 +127,12 @@ class Findings:
         return None if found is None else spelt[found]
 
     def error(self) -> SpecError:
-        """Give one error that carries all findings."""
+        """Return one error that carries all findings."""
         return SpecError(self._found.values())
 
 
 def shown(value: object) -> str:
-    """Give a value of the file as a message shows it: quoted, escaped, and shortened."""
+    """Return a value of the file as a message shows it: quoted, escaped, and shortened."""
     match value:
         case None:
             return "nothing"

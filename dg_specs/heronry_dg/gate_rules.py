@@ -159,7 +159,7 @@ class _GateRules:
                 self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
 
     def _outputs(self, name: str) -> Sequence[str]:
-        """Give the modules that can each serve a function whose output is `name`, a module or a DEMUX."""
+        """Return the modules that can each serve a function whose output is `name`, a module or a DEMUX."""
         demux = self._draft.demuxes.get(name)
         ends = demux.form.to if demux is not None and demux.form is not None else ()
         return ends or self.branches.get(name, [name])
@@ -169,7 +169,7 @@ class _GateRules:
         return all(m.modes and all((m.name, mode) in self.readings for mode in m.modes) for m in modules)
 
     def _wiring(self) -> dict[ModeName | _Datum, list[ModeName | _Datum]]:
-        """Give a graph with edges from each mode to its data, and from each datum to the modes that accept it.
+        """Return a graph with edges from each mode to its data, and from each datum to the modes that accept it.
 
         Data with an initial value are left out.
         """

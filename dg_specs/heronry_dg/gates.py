@@ -40,7 +40,7 @@ class Leaf:
         return self.only_in is None or phase is None or phase in self.only_in
 
     def closed(self) -> "Leaf":
-        """Give a copy of the leaf that accepts no version, for a phase in which the leaf is never wired."""
+        """Return a copy of the leaf that accepts no version, for a phase in which the leaf is never wired."""
         return replace(self, worst=self.best - 1, worth=())
 
     def points(self, version: int) -> int:
@@ -91,7 +91,7 @@ class Words:
 
 
 def bounds(gate: Gate) -> tuple[int, int]:
-    """Give the least and the largest number of inputs that may hold if the gate is to hold."""
+    """Return the least and the largest number of inputs that may hold if the gate is to hold."""
     match gate:
         case And(inputs):
             return len(inputs), len(inputs)
@@ -104,7 +104,7 @@ def bounds(gate: Gate) -> tuple[int, int]:
 
 
 def words(gate: Gate) -> Words:
-    """Give the texts by which messages and pictures describe a gate of this kind."""
+    """Return the texts by which messages and pictures describe a gate of this kind."""
     match gate:
         case And():
             return Words("3.and", "all must", "and", "AND", "and")
@@ -139,7 +139,7 @@ def could_hold(expression: Expression, is_given: Callable[[Leaf], bool]) -> bool
 
 
 def most_points(expression: Expression | None, of_leaf: Callable[[Leaf, str], int]) -> int:
-    """Give the most points that the leaves of an expression can have together.
+    """Return the most points that the leaves of an expression can have together.
 
     of_leaf: gives the points of one leaf, 0 or more.
     """
@@ -156,7 +156,7 @@ def most_together(points: Sequence[int], most: int) -> int:
 
 
 def with_leaves(expression: Expression, changed: Callable[[Leaf], Leaf]) -> Expression:
-    """Give the same tree, with each leaf replaced by `changed(leaf)`."""
+    """Return the same tree, with each leaf replaced by `changed(leaf)`."""
     return fold(expression, lambda leaf, _: changed(leaf), lambda gate, inputs: replace(gate, inputs=tuple(inputs)))
 
 
@@ -172,7 +172,7 @@ def child_path(path: str, index: int) -> str:
 
 
 def leaves(expression: Expression | None, path: str = "") -> Iterator[tuple[str, Leaf]]:
-    """Give every leaf with its path, in the order of the file; no leaves for a mode without `needs`."""
+    """Yield every leaf with its path, in the order of the file; no leaves for a mode without `needs`."""
     if expression is None:
         return
     if isinstance(expression, Leaf):

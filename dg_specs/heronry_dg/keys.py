@@ -121,11 +121,11 @@ class DeclaredKey:
         return next((mark for mark in _marks(self.type) if isinstance(mark, Reading)), Reading())
 
     def in_units_of_the_file(self, value: object) -> Any:
-        """Give a value of the model with quantities, which may be its items, in the units of the file."""
+        """Return a value of the model with quantities, which may be its items, in the units of the file."""
         return _divided(value, self.reading.parts) if self.reading.parts > 1 else value
 
     def written(self, value: object) -> Any:
-        """Give a value of the model as JSON would have it in a file."""
+        """Return a value of the model as JSON would have it in a file."""
         if self.is_resolved and value == self.key.resolved:
             return None
         return _written(self.in_units_of_the_file(value))
@@ -133,7 +133,7 @@ class DeclaredKey:
 
 @cache
 def keys_of(element: Any) -> tuple[DeclaredKey, ...]:
-    """Give the keys of a kind of element, which is a dataclass of the model; those of its base class come first."""
+    """Return the keys of a kind of element, which is a dataclass of the model; those of its base class come first."""
     hints = get_type_hints(element, include_extras=True)
     return tuple(
         DeclaredKey(
@@ -152,12 +152,12 @@ def keys_of(element: Any) -> tuple[DeclaredKey, ...]:
 
 @cache
 def key_names(element: type) -> tuple[str, ...]:
-    """Give the names of the keys of a kind of element, as the file spells them."""
+    """Return the names of the keys of a kind of element, as the file spells them."""
     return tuple(one.name for one in keys_of(element))
 
 
 def element_at(annotation: Any, path: Sequence[int | str]) -> type:
-    """Give the kind of element that a value in an element of the file is, such as `When` at `when` of a phase.
+    """Return the kind of element that a value in an element of the file is, such as `When` at `when` of a phase.
 
     annotation: the kind of the outer element.
     path: keys, names and positions in lists that lead to the inner element; (): the outer element itself.
@@ -171,7 +171,7 @@ def element_at(annotation: Any, path: Sequence[int | str]) -> type:
 
 
 def element_in(annotation: Any) -> type | None:
-    """Give the kind of element that the values of a type are or consist of; None if they are something else."""
+    """Return the kind of element that the values of a type are or consist of; None if they are something else."""
     if is_element(annotation):
         found: type = annotation
         return found
@@ -186,7 +186,7 @@ def is_element(value: Any) -> bool:
 
 @cache
 def stand_ins(element: type) -> Mapping[str, Any]:
-    """Give what a draft has in the fields that the loader will fill in from other elements, by name."""
+    """Return what a draft has in the fields that the loader will fill in from other elements, by name."""
     return {
         field: mark.until_then
         for field, hint in get_type_hints(element, include_extras=True).items()

@@ -33,7 +33,7 @@ def lost_elements(spec: Spec, now: Situation) -> frozenset[str]:
 
 
 def lost_of(left: Survivors) -> frozenset[str]:
-    """Give the result of `lost_elements` for survivors that are already computed."""
+    """Return the result of `lost_elements` for survivors that are already computed."""
     spec = left.spec
     pes = (f"pe:{pe}" for pe in spec.pes if pe not in left.pe_cpu_millis)
     devices = (f"device:{device}" for device in spec.devices if device not in left.devices)

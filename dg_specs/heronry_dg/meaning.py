@@ -33,13 +33,13 @@ def with_digest(spec: Spec) -> Spec:
 
 
 def canonical_form(spec: Spec) -> str:
-    """Give the canonical form of a spec, of which the digest is made, as one line of JSON."""
+    """Return the canonical form of a spec, of which the digest is made, as one line of JSON."""
     content = {key: value for key, value in _record(spec).items() if key != "digest"}
     return json.dumps(["dg 1", content], separators=(",", ":"), default=_plain)
 
 
 def _plain(value: Any) -> Any:
-    """Give what JSON can write in the place of a record, a set or a fraction."""
+    """Return what JSON can write in the place of a record, a set or a fraction."""
     if isinstance(value, frozenset):
         return sorted(value)
     if isinstance(value, Fraction):

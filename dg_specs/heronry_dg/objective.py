@@ -43,7 +43,7 @@ class Objective:
 
     @classmethod
     def of_key(cls, key: Sequence[int]) -> Self:
-        """Give the objective that has this key; raises ValueError where the key is not ten integers."""
+        """Return the objective that has this key; raises ValueError where the key is not ten integers."""
         a, b, c, d, utility, inputs, *costs = key
         changes, branches, bus_mbit_per_s, cpu_millis = (-cost for cost in costs)
         return cls((a, b, c, d), utility, inputs, changes, branches, bus_mbit_per_s, cpu_millis)
@@ -88,7 +88,7 @@ def score_among(
 
 
 def serving_modules(spec: Spec, configuration: Configuration) -> Iterator[tuple[Function, str | None]]:
-    """Give every function with the running module that serves it; None: it is not served."""
+    """Yield every function with the running module that serves it; None: it is not served."""
     for function in spec.functions.values():
         yield function, next((m for m in function.outputs if m in configuration.modules), None)
 
@@ -100,7 +100,7 @@ def value_of(spec: Spec, configuration: Configuration, function: Function, outpu
 
 
 def placement(running: Configuration | Placement) -> Placement:
-    """Give mode and PE of each running module."""
+    """Return mode and PE of each running module."""
     if isinstance(running, Configuration):
         return {name: (module.mode, module.pe) for name, module in running.modules.items()}
     return running

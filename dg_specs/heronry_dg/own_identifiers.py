@@ -29,7 +29,7 @@ from heronry_wire.identifiers import (
 
 
 def own_identifiers(spec: Spec) -> dict[str, dict[int, str]]:
-    """Give for each bus each identifier that the system may use there, with words for what it carries.
+    """Return for each bus each identifier that the system may use there, with words for what it carries.
 
     Raises WireError where the spec has more sources than identifiers.
     """
@@ -46,7 +46,7 @@ def own_identifiers(spec: Spec) -> dict[str, dict[int, str]]:
 
 
 def possible_hops(spec: Spec) -> dict[str, list[Hop]]:
-    """Give for each bus every source that may have to be sent there.
+    """Return for each bus every source that may have to be sent there.
 
     These are the sources for which the bus lies between a PE on which the producer may run and a PE on which
     another module that reads the variable may run. The mode of a hop is the one in which the producer gives

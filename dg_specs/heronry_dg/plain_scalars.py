@@ -51,7 +51,7 @@ class Surprise:
 
 @lru_cache(maxsize=4096)  # a file repeats the same words
 def resolve(text: str) -> Value | Surprise:
-    """Give the value of a plain scalar, or the reason why it is refused."""
+    """Return the value of a plain scalar, or the reason why it is refused."""
     if text in _WORDS:
         return _WORDS[text]
     if text[0] in _MAY_BE_A_NUMBER:

@@ -78,7 +78,7 @@ class Plan:
         return self.report.buses
 
     def told(self) -> PlanDocument:
-        """Give the plan as others read it; the report is computed now."""
+        """Return the plan as others read it; the report is computed now."""
         return PlanDocument(
             spec=self.spec,
             phase=self.now.phase,
@@ -95,7 +95,7 @@ class Plan:
         )
 
     def document(self) -> Json:
-        """Give the plan as plain data: what `to_json` writes."""
+        """Return the plan as plain data: what `to_json` writes."""
         return plain_object(self.told())
 
     def to_json(self) -> str:
@@ -143,7 +143,7 @@ def plan_with_bounds(
 
 
 def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelReport, ...]:
-    """Give value and bound of each level; without `bounds` the bounds are not known."""
+    """Return value and bound of each level; without `bounds` the bounds are not known."""
     bounds = bounds or (None,) * len(LEVELS)
     return tuple(
         LevelReport(
@@ -179,7 +179,7 @@ def _objective_document(objective: Objective) -> ObjectiveDocument:
 
 
 def modules_json(configuration: Configuration) -> Json:
-    """Give a configuration as the object `modules` of a plan file."""
+    """Return a configuration as the object `modules` of a plan file."""
     return {name: plain_object(running) for name, running in in_order_of_inputs(configuration).items()}
 
 

@@ -44,12 +44,12 @@ class PlanDocument:
     buses: Mapping[str, BusReport]
 
     def served(self) -> list[str]:
-        """Give the functions that are served, in the order of the spec."""
+        """Return the functions that are served, in the order of the spec."""
         return [name for name, function in self.functions.items() if function.served]
 
 
 def in_order_of_inputs(configuration: Configuration) -> dict[str, Running]:
-    """Give the running modules, each with its inputs in the order of their paths."""
+    """Return the running modules, each with its inputs in the order of their paths."""
     return {
         name: Running(running.pe, running.mode, dict(sorted(running.inputs.items())))
         for name, running in configuration.modules.items()
@@ -57,12 +57,12 @@ def in_order_of_inputs(configuration: Configuration) -> dict[str, Running]:
 
 
 def plain_object(record: object) -> Json:
-    """Give a data class as a JSON object: its fields in their order."""
+    """Return a data class as a JSON object: its fields in their order."""
     return {one.name: plain(getattr(record, one.name)) for one in fields(record)}  # type: ignore[arg-type]
 
 
 def plain(value: object) -> object:
-    """Give a value as plain data: data classes become objects, sequences lists, and all else stays."""
+    """Return a value as plain data: data classes become objects, sequences lists, and all else stays."""
     if is_dataclass(value):
         return plain_object(value)
     if isinstance(value, Mapping):

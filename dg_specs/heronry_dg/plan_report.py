@@ -71,7 +71,7 @@ class Report:
         self._spec, self._now, self._configuration, self._reasons = spec, now, configuration, reasons or {}
 
     def with_reasons(self, reasons: Mapping[str, str]) -> "Report":
-        """Give a copy of the report with other reasons why functions are not served.
+        """Return a copy of the report with other reasons why functions are not served.
 
         reasons: by function, the reason why it is not served.
         """

@@ -359,7 +359,7 @@ def initial_value(value: object, data_type: str) -> int | float | str | tuple[in
 
 
 def _whole(elements: Mapping[str, Element[E]]) -> Iterator[tuple[Element[E], E]]:
-    """Give the elements whose fields have no mistake, each with its fields."""
+    """Return the elements whose fields have no mistake, each with its fields."""
     return ((element, element.form) for element in elements.values() if element.form is not None)
 
 

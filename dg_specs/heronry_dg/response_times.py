@@ -144,7 +144,7 @@ class ResponseTimes:
         return delays + [None] * (len(jitters) - bounded)
 
     def always_above(self, hop: Hop) -> list[Message]:
-        """Give the messages that are more urgent than a hop whatever the plan: management, and foreign frames."""
+        """Return the messages that are more urgent than a hop whatever the plan: management, and foreign frames."""
         identifier = self.identifiers[hop.producer, hop.variable]
         foreign = [message for one, message in self._foreign[hop.bus] if one.outranks(identifier)]
         return [*self.management[hop.bus], *foreign]
@@ -154,7 +154,7 @@ class ResponseTimes:
         return Fraction(self.spec.buses[bus].bitrate, _NS_PER_S)
 
     def message(self, hop: Hop, jitter_ns: Fraction = _NONE) -> Message:
-        """Give the message that stands for a hop in the analysis of its bus, with all times in bit times."""
+        """Return the message that stands for a hop in the analysis of its bus, with all times in bit times."""
         bits_per_ns = self.bits_per_ns(hop.bus)
         punctual = self._punctual.get(hop)
         if punctual is None:
@@ -187,7 +187,7 @@ class ResponseTimes:
         return frozenset(found)
 
     def _delaying(self, hop: Hop, by_bus: Mapping[str, list[Hop]]) -> Iterator[Hop]:
-        """Give the hops that delay `hop` directly.
+        """Yield the hops that delay `hop` directly.
 
         On a wired bus, these are the more urgent hops on the bus of `hop`. On any bus, it is also the hop by which
         the data of the same source come to this bus, if there is one.
@@ -204,7 +204,7 @@ def _key(hop: Hop) -> tuple[str, str, str]:
 
 
 def _management(spec: Spec, bus: Bus) -> list[Message]:
-    """Give the management frames of a bus, which are more urgent than all data.
+    """Return the management frames of a bus, which are more urgent than all data.
 
     These are the state of each PE and the frames of the manager, each once in a heartbeat period.
     """
@@ -214,7 +214,7 @@ def _management(spec: Spec, bus: Bus) -> list[Message]:
 
 
 def blocking_bits(bus: Bus) -> int:
-    """Give the length in bits of the longest frame of lower priority that may have just started on a bus."""
+    """Return the length in bits of the longest frame of lower priority that may have just started on a bus."""
     extended = any(one.extended for one in bus.foreign)
     return worst_bits(MAX_DATA_BYTES, extended=True) if extended else WORST_BLOCKING_BITS
 

@@ -47,19 +47,19 @@ class Form(BaseModel):
 
 @cache
 def field_names(form: type[Form]) -> frozenset[str]:
-    """Give the names of a form's fields, as the file spells them."""
+    """Return the names of a form's fields, as the file spells them."""
     return frozenset(field.alias or name for name, field in form.model_fields.items())
 
 
 @cache
 def form_of(element: Any) -> type[Form]:
-    """Give the form of a kind of element, which is a dataclass of the model."""
+    """Return the form of a kind of element, which is a dataclass of the model."""
     return _form(f"{element.__name__}Form", element.__doc__, _fields(element))
 
 
 @cache
 def module_forms() -> tuple[type[Form], type[Form]]:
-    """Give the forms of a whole module: of one that lists its modes, and of one with a single mode."""
+    """Return the forms of a whole module: of one that lists its modes, and of one with a single mode."""
     module, mode = form_of(Module), form_of(Mode)
     modes = Field(
         min_length=1,
@@ -76,7 +76,7 @@ def module_forms() -> tuple[type[Form], type[Form]]:
 
 @cache
 def spec_form() -> type[Form]:
-    """Give the form of a whole file."""
+    """Return the form of a whole file."""
     fields = _fields(Spec)
     several, single = module_forms()
     fields["modules"] = (dict[str, several | single], fields["modules"][1])  # type: ignore[valid-type]
@@ -120,7 +120,7 @@ def _field_type(one: DeclaredKey) -> Any:
 
 
 def _type(annotation: Any) -> Any:
-    """Give the type of a form for a type of the model: the file has a list for a tuple, and a map for an element."""
+    """Return the type of a form for a type of the model: the file has a list for a tuple, and a map for an element."""
     base: Any
     base, *marks = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
     checks = [check for mark in marks for check in _checks(mark)]
@@ -140,7 +140,7 @@ def _type(annotation: Any) -> Any:
 
 
 def _checks(mark: object) -> Iterator[Any]:
-    """Give what pydantic knows a mark of a type as."""
+    """Yield what pydantic knows a mark of a type as."""
     match mark:
         case Bounds():
             bounds = {name: getattr(mark, name) for name in mark.__slots__}

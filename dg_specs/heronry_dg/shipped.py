@@ -31,7 +31,7 @@ def flight_specs() -> tuple[Path, ...]:
 
 
 def shipped_spec_path(name: str) -> Path:
-    """Give the file of a shipped spec, or of a spec that `heronry fly` flies; raises UnknownSpecError."""
+    """Return the file of a shipped spec, or of a spec that `heronry fly` flies; raises UnknownSpecError."""
     found = (path for folder in (*_FOLDERS, *_FLIGHTS) if (path := folder / f"{name}{SUFFIX}").is_file())
     for path in found:
         return path

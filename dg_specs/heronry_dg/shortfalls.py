@@ -16,7 +16,7 @@ from heronry_dg.model import Spec
 
 
 def shortfalls(spec: Spec, configuration: Configuration, output: str, phase: str | None) -> tuple[str, ...]:
-    """Give a sentence for everything less than the best in an output module and upstream of it, nearest first.
+    """Return a sentence for everything less than the best in an output module and upstream of it, nearest first.
 
     output: a module that runs in the configuration. phase: the mission phase; None: the spec has no phases.
     """

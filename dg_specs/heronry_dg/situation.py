@@ -79,7 +79,7 @@ def situation(
 
 
 def elements(spec: Spec) -> tuple[str, ...]:
-    """Give every element that can be down, in the spec's order."""
+    """Return every element that can be down, in the spec's order."""
     by_kind: list[tuple[str, Iterable[str]]] = [
         ("pe", spec.pes),
         ("device", spec.devices),
@@ -91,7 +91,7 @@ def elements(spec: Spec) -> tuple[str, ...]:
 
 
 def places(spec: Spec, module: str) -> tuple[str, ...]:
-    """Give the places of a module, in the order of the PEs; a module with one possible PE has none."""
+    """Return the places of a module, in the order of the PEs; a module with one possible PE has none."""
     hosts = hosts_when_all_is_up(spec, spec.modules[module])
     return tuple(f"module:{module}@{pe}" for pe in hosts) if len(hosts) > 1 else ()
 
@@ -102,7 +102,7 @@ def is_place(element: str) -> bool:
 
 
 def module_of(place: str) -> str:
-    """Give the element `module:NAME` of a place `module:NAME@PE`."""
+    """Return the element `module:NAME` of a place `module:NAME@PE`."""
     return place.partition("@")[0]
 
 
@@ -182,7 +182,7 @@ def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:
 
 
 def _what_was_meant(spec: Spec, text: str) -> str:
-    """Give a hint: the element that a text with a missing or misspelt kind may mean, or how an element is written."""
+    """Return a hint: the element that a text with a missing or misspelt kind may mean, or how an element is written."""
     known = elements(spec)
     alone = [element for element in known if element.partition(":")[2] == text]
     found = alone[0] if alone else close(text, known, _LIKENESS)
@@ -216,7 +216,7 @@ class Survivors:
         return self.hosts_among(module, hosts_when_all_is_up(self.spec, module))
 
     def hosts_among(self, module: Module, homes: tuple[str, ...]) -> tuple[str, ...]:
-        """Give the PEs on which a module may run now, as `hosts` does, but without computing `homes` again.
+        """Return the PEs on which a module may run now, as `hosts` does, but without computing `homes` again.
 
         homes: the PEs on which the module may run when everything is up (`hosts_when_all_is_up`).
         """
@@ -279,7 +279,7 @@ def survivors(spec: Spec, now: Situation, intact: Survivors | None = None) -> Su
 
 
 def room_mbit_per_s(bus: Bus, share: Fraction = Fraction(1)) -> int:
-    """Give what a bus has for published data, in thousandths of a bit/s: at least 0, so that it may carry nothing.
+    """Return what a bus has for published data, in thousandths of a bit/s: at least 0, so that it may carry nothing.
 
     share: of its capacity, as a limit leaves it.
     """
@@ -287,7 +287,7 @@ def room_mbit_per_s(bus: Bus, share: Fraction = Fraction(1)) -> int:
 
 
 def foreign_bits_per_s(bus: Bus) -> Fraction:
-    """Give what foreign frames take of a bus, in bit/s."""
+    """Return what foreign frames take of a bus, in bit/s."""
     return sum((Fraction(one.bits * 10**9, one.period_ns) for one in bus.foreign), Fraction(0))
 
 

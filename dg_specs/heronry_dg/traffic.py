@@ -36,7 +36,7 @@ class Hop:
 
 
 def frame_bits(spec: Spec, variable: str) -> int:
-    """Give the length in bits of a variable's longest data frame (11-bit identifier), with its intermission."""
+    """Return the length in bits of a variable's longest data frame (11-bit identifier), with its intermission."""
     return worst_bits(HEADER_BYTES + DataType[spec.variables[variable].type].payload_bytes)
 
 
@@ -46,7 +46,7 @@ def source_mbit_per_s(spec: Spec, variable: str, mode: Mode) -> int:
 
 
 def hops(left: Survivors, configuration: Configuration) -> tuple[Hop, ...]:
-    """Give the hops of every source, in order of first use; a wire without a route gives no hops."""
+    """Return the hops of every source, in order of first use; a wire without a route gives no hops."""
     found: dict[Hop, None] = {}
     for consumer, _, wire in configuration.wires():
         producer = configuration.modules.get(wire.producer)
@@ -59,7 +59,7 @@ def hops(left: Survivors, configuration: Configuration) -> tuple[Hop, ...]:
 
 
 def bus_loads_mbit_per_s(spec: Spec, published: Iterable[Hop]) -> dict[str, int]:
-    """Give the bandwidth that the published sources take on each bus of the spec, in thousandths of a bit/s."""
+    """Return the bandwidth that the published sources take on each bus of the spec, in thousandths of a bit/s."""
     loads = dict.fromkeys(spec.buses, 0)
     for hop in published:
         mode = spec.modules[hop.producer].modes[hop.mode]
@@ -68,7 +68,7 @@ def bus_loads_mbit_per_s(spec: Spec, published: Iterable[Hop]) -> dict[str, int]
 
 
 def identifiers(spec: Spec) -> dict[tuple[str, str], int]:
-    """Give the CAN identifier of every (producer, variable) of a spec; a smaller identifier has a higher priority.
+    """Return the CAN identifier of every (producer, variable) of a spec; a smaller identifier has a higher priority.
 
     Raises WireError where the spec has more pairs than there are identifiers.
     """
@@ -93,7 +93,7 @@ def _identifier_source(spec: Spec, producer: str, variable: str, rank: int, orde
 
 
 def criticality_ranks(spec: Spec) -> dict[str, int]:
-    """Give for each module the best criticality, 0 (A) to 4 (E), of the functions to which it could contribute.
+    """Return for each module the best criticality, 0 (A) to 4 (E), of the functions to which it could contribute.
 
     All phases count, and all modes of the modules.
     """

@@ -63,7 +63,7 @@ class Part:
     forwards: frozenset[tuple[Source, str, str]] = frozenset()  # (source, PE that sends it, bus to which it goes on)
 
     def broken(self, after: "Part") -> "Part":
-        """Give what this PE still does after BREAK, if `after` is its part of the new configuration."""
+        """Return what this PE still does after BREAK, if `after` is its part of the new configuration."""
         kept = self.modules & after.modules
         running = {module for module, _ in kept}
         both = {
@@ -93,7 +93,7 @@ class Transition:
     peaks: Mapping[str, Peak]
 
     def document(self) -> dict[str, object]:
-        """Give the transition as plain data for JSON."""
+        """Return the transition as plain data for JSON."""
         return {
             "steps": [step.name for step in self.steps],
             "wait_for": {pe: list(why) for pe, why in self.wait_for.items()},
@@ -165,7 +165,7 @@ class Transitions:
         now: Situation,
         exclusive: Collection[str],
     ) -> frozenset[str]:
-        """Give the PEs whose BREAK the manager must await before it commands GO of the configuration `after`.
+        """Return the PEs whose BREAK the manager must await before it commands GO of the configuration `after`.
 
         may_run: for each available PE, the configurations that are possible: the PE may still run any one of them.
         exclusive: PEs to wait for in any case; the result includes these PEs.
@@ -183,7 +183,7 @@ class Transitions:
         return frozenset(exclusive).union(budget)
 
     def parts(self, configuration: Configuration) -> dict[str, Part]:
-        """Give, by PE, the modules that it runs and the data that it sends and forwards under a configuration."""
+        """Return, by PE, the modules that it runs and the data that it sends and forwards under a configuration."""
         runs = placement(configuration)
         return self._parts(runs, _links(configuration, runs))
 
@@ -221,7 +221,7 @@ class Transitions:
     def _exclusive(
         self, runs: Placement, wanted: Placement, left: Survivors
     ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
-        """Give the PEs that give up something exclusive to another PE, each with the reasons.
+        """Return the PEs that give up something exclusive to another PE, each with the reasons.
 
         The second result names the DEMUXes that a silent PE may still drive.
         """
@@ -281,7 +281,7 @@ class _Mixtures:
         return {bus: max(room, carried.get(bus, 0)) for bus, room in self._left.bus_mbit_per_s.items()}
 
     def peaks(self, waited_for: Collection[str]) -> dict[str, int]:
-        """Give the highest load of each bus in thousandths of a bit/s, if the PEs in `waited_for` report BROKEN first.
+        """Return the highest load of each bus in thousandths of bit/s, if the PEs in `waited_for` report BROKEN first.
 
         So each of these PEs has reported BROKEN before any PE gets GO; every other PE may be in any of its states.
         """
@@ -332,7 +332,7 @@ class _Mixtures:
         return peaks
 
     def _loads(self, pe: str, part: Part, forwards: Collection[tuple[str, Source, str, str]]) -> dict[str, int]:
-        """Give the load that a PE in the state `part` causes on each bus, in thousandths of a bit/s.
+        """Return the load that a PE in the state `part` causes on each bus, in thousandths of a bit/s.
 
         The result includes the copies of the PE's frames that gateways forward.
 
@@ -355,7 +355,7 @@ class _Mixtures:
 
 
 def _links(configuration: Configuration, runs: Placement) -> Iterator[tuple[Source, str]]:
-    """Give, for each wire, its source and the PE of its consumer.
+    """Yield, for each wire, its source and the PE of its consumer.
 
     A wire is left out if its producer or its consumer is not in `runs`.
     """
@@ -365,7 +365,7 @@ def _links(configuration: Configuration, runs: Placement) -> Iterator[tuple[Sour
 
 
 def _behind(configuration: Configuration, output: str) -> set[str]:
-    """Give a module and all modules from which its data come, directly or through others."""
+    """Return a module and all modules from which its data come, directly or through others."""
     found, frontier = set[str](), [output]
     while frontier:
         module = frontier.pop()

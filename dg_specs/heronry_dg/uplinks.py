@@ -29,7 +29,7 @@ class Radio:
 
 
 def uplinks(spec: Spec) -> dict[str, tuple[str, ...]]:
-    """Give the buses from each PE that a manager reaches to the manager's bus, this bus included, in order."""
+    """Return the buses from each PE that a manager reaches to the manager's bus, this bus included, in order."""
     left, hub = survivors(spec, Situation()), spec.manager.bus
     doors = [pe.name for pe in spec.pes.values() if hub in pe.buses]
     ways: dict[str, tuple[str, ...]] = {}
@@ -40,7 +40,7 @@ def uplinks(spec: Spec) -> dict[str, tuple[str, ...]]:
 
 
 def radios(spec: Spec) -> dict[str, Radio]:
-    """Give every radio that a gateway reports on, by name; gateways can report on the first nine radios of a spec."""
+    """Return every radio that a gateway reports on, by name; gateways can report on the first nine radios of a spec."""
     wireless = [bus.name for bus in spec.buses.values() if bus.kind == "wireless"][: len(GATEWAY_IDS)]
     ways = uplinks(spec) if wireless else {}
     found = {}

@@ -90,7 +90,7 @@ def verify(spec: Spec, now: Situation, configuration: Configuration) -> list[Vio
 
 
 def _known(spec: Spec, configuration: Configuration) -> Configuration:
-    """Give a configuration without the modules whose name or mode the spec does not have.
+    """Return a configuration without the modules whose name or mode the spec does not have.
 
     All inputs of the other modules are kept. Modules and inputs are in the spec's order.
     """

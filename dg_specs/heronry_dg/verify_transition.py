@@ -139,7 +139,7 @@ def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
 
 
 def _stages(way: Transition, left: Survivors) -> Iterator[dict[str, tuple[str, ...]]]:
-    """Give, for each activation step, the states in which each PE may be while no later step has been commanded."""
+    """Yield, for each activation step, the states in which each PE may be while no later step has been commanded."""
     behind: dict[str, tuple[str, ...]] = dict.fromkeys(left.pe_cpu_millis, (BEFORE,))
     for step in way.steps:
         state = {Step.BREAK: BROKEN, Step.GO: HELD}.get(step, AFTER)
@@ -253,7 +253,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """Give `states` without each state in which the PE sends and forwards the same as in an earlier one."""
+    """Return `states` without each state in which the PE sends and forwards the same as in an earlier one."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}
@@ -304,7 +304,7 @@ def _loads(
 
 
 def _sent(case: _Way, pe: str, state: str) -> Iterator[tuple[tuple[str, str], tuple[str, ...], int]]:
-    """Give each source that a PE publishes in a state, with the buses on which the PE publishes it.
+    """Yield each source that a PE publishes in a state, with the buses on which the PE publishes it.
 
     The last part is the load of the source on each of these buses, in thousandths of a bit/s.
     """
@@ -352,7 +352,7 @@ def _traffic(spec: Spec, runs: Placement, running: Configuration | Placement) ->
 
 
 def _wires(spec: Spec, runs: Placement, running: Configuration | Placement) -> Iterator[tuple[str, str, str]]:
-    """Give producer, variable and consumer's PE of each wire, or of each possible wire if the wires are not known."""
+    """Yield producer, variable and consumer's PE of each wire, or of each possible wire if the wires are not known."""
     if isinstance(running, Configuration):
         for consumer, _, wire in running.wires():
             if consumer in runs and wire.producer in runs:

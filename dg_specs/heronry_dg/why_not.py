@@ -43,7 +43,7 @@ class Feasible:
         return any((module.name, mode) not in self.lost for mode in module.modes)
 
     def givers(self, leaf: Leaf) -> Iterator[tuple[Module, Mode]]:
-        """Give every (module, mode) that gives a version accepted by a leaf, even if the mode cannot run."""
+        """Yield every (module, mode) that gives a version accepted by a leaf, even if the mode cannot run."""
         for module, mode in self.producers[leaf.variable]:
             if leaf.accepts(mode.gives[leaf.variable]):
                 yield module, mode
@@ -114,7 +114,7 @@ class Feasibility:
         return left.hosts_among(module, self._homes[module.name])
 
     def _suspects(self, now: Situation) -> Iterable[Module]:
-        """Give the modules that may have no PE in a situation: all of them if a PE or a bus is down."""
+        """Return the modules that may have no PE in a situation: all of them if a PE or a bus is down."""
         suspects = dict.fromkeys(self._homeless)
         for kind, _, name in (element.partition(":") for element in now.down):
             if kind == "device":
@@ -126,7 +126,7 @@ class Feasibility:
         return [self._spec.modules[name] for name in suspects if name in self._spec.modules]
 
     def _reading(self, fallen: list[tuple[Module, Mode]]) -> Iterator[tuple[Module, Mode]]:
-        """Give each mode that reads a variable which some mode in `fallen` gives."""
+        """Yield each mode that reads a variable which some mode in `fallen` gives."""
         for variable in {variable for _, mode in fallen for variable in mode.gives}:
             yield from self._readers[variable]
 
@@ -140,7 +140,7 @@ def feasible(spec: Spec, now: Situation, left: Survivors | None = None) -> Feasi
 
 
 def why_unwanted(now: Situation, function: Function) -> str | None:
-    """Give the sentence that says why a function is not wanted in a situation; None: it is wanted."""
+    """Return the sentence that says why a function is not wanted in a situation; None: it is wanted."""
     if now.priority_of(function):
         return None
     if function.priority_in(now.phase):
@@ -149,7 +149,7 @@ def why_unwanted(now: Situation, function: Function) -> str | None:
 
 
 def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -> str:
-    """Give the sentence that says why a function is not served.
+    """Return the sentence that says why a function is not served.
 
     alone: whether the function could be served if no other function were wanted; None: not known.
     """

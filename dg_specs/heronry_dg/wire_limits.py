@@ -123,11 +123,11 @@ class _SliceBounds:
         self._stops = spec.manager.without_manager != "keep"
 
     def may_run_on(self, pe: str) -> list[Module]:
-        """Give the modules that may run on a PE."""
+        """Return the modules that may run on a PE."""
         return self._by_pe.get(pe, [])
 
     def most_bytes(self, pe: Pe) -> int:
-        """Give an upper bound of the length in bytes of one PE's slice."""
+        """Return an upper bound of the length in bytes of one PE's slice."""
         sizes = [self._size(module, pe) for module in self.may_run_on(pe.name)]
         by_cpu = _filled([(one.slice_bytes, one.cpu_millis) for one in sizes], pe.cpu_millis)
         by_ram = _filled([(one.slice_bytes, one.ram) for one in sizes], pe.ram)
@@ -195,7 +195,7 @@ def _bytes_of(number: int) -> int:
 
 
 def _filled(items: list[tuple[int, int]], capacity: int) -> int:
-    """Give the most bytes that items (bytes, cost) can have if their costs together do not exceed `capacity`.
+    """Return the most bytes that items (bytes, cost) can have if their costs together do not exceed `capacity`.
 
     The last item may count as a fraction.
     """

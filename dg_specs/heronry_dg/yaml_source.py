@@ -138,7 +138,7 @@ def follow(node: Node, path: tuple[int | str, ...]) -> tuple[Node, int]:
 
 
 def place_at(node: Node, path: tuple[int | str, ...]) -> Place:
-    """Give the place in the file of the value at a path.
+    """Return the place in the file of the value at a path.
 
     If the path leaves the tree, give the place of the last value that the path reaches.
     """
@@ -146,7 +146,7 @@ def place_at(node: Node, path: tuple[int | str, ...]) -> Place:
 
 
 def texts(node: Node) -> Iterator[str]:
-    """Give every text among the values of a tree, in the order of the file."""
+    """Yield every text among the values of a tree, in the order of the file."""
     match node:
         case Scalar(value=str() as text):
             yield text
@@ -174,7 +174,7 @@ def _is_number(node: Node | None) -> bool:
 
 
 def key_place(node: Node, key: str) -> Place:
-    """Give where in the file a key of a map is written; if the map lacks the key, where the map is written."""
+    """Return where in the file a key of a map is written; if the map lacks the key, where the map is written."""
     if isinstance(node, Mapping) and key in node.entries:
         return node.entries[key].place
     return node.place
@@ -268,7 +268,7 @@ class _Builder:
         return entries
 
     def _key(self, key: Node, event: yaml.Event) -> str | None:
-        """Give the text of a key; None if the key is a list or a map.
+        """Return the text of a key; None if the key is a list or a map.
 
         A key that is not text has a finding. A number as a key gives its text all the same, so that the key is not
         reported as missing as well.

@@ -75,7 +75,7 @@ def _not_closed(begun: Place, stopped: Place, lines: list[str]) -> Mistake:
 
 
 def _odd_line(error: yaml.MarkedYAMLError, stopped: Place, lines: list[str]) -> Mistake | None:
-    """Give the mistake on the line above the line at which the parser stopped; None if the line above has none."""
+    """Return the mistake on the line above the line at which the parser stopped; None if the line above has none."""
     above = _line_above(stopped.line, lines)
     if above is None:
         return None

@@ -54,7 +54,7 @@ def control_paths(spec: Spec, configuration: Configuration) -> dict[str, Control
 
 
 def path_states(paths: Mapping[str, ControlPath]) -> dict[str, str]:
-    """Give the state of each plant's path by the plant's name, as text for the event `control_paths`."""
+    """Return the state of each plant's path by the plant's name, as text for the event `control_paths`."""
     return {plant: path.state.value for plant, path in paths.items()}
 
 

@@ -40,7 +40,7 @@ LEAST_CYCLE = 3
 
 
 def bounds_alone(block: Touching, through: frozenset[str]) -> Bounds:
-    """Give bounds of the longest cycle that passes all of `through` in a block, without a search.
+    """Return bounds of the longest cycle that passes all of `through` in a block, without a search.
 
     By a theorem of Dirac (1952), a block of `size` members, each with d neighbors or more, has a cycle of at
     least min(size, 2 d) members. If such a cycle has all members of the block, it passes all of `through`.
@@ -99,7 +99,7 @@ def _searched(touching: Touching, ring: set[str], through: frozenset[str], searc
 
 
 def blocks(touching: Touching) -> list[set[str]]:
-    """Give the blocks of a graph of neighbors (Hopcroft and Tarjan 1973), each as the set of its members.
+    """Return the blocks of a graph of neighbors (Hopcroft and Tarjan 1973), each as the set of its members.
 
     A member without neighbors is in no block.
     """

@@ -152,12 +152,12 @@ class Graph:
         return frozenset(vertex for leaf in self.leaves.values() for vertex in leaf.vertices())
 
     def part(self, name: str) -> Part:
-        """Give the leaf or the composite with the name `name`, as its vertices, edges and components."""
+        """Return the leaf or the composite with the name `name`, as its vertices, edges and components."""
         leaf = self.leaves.get(name)
         return self.composites[name] if leaf is None else Part(leaf.vertices())
 
     def of(self, vertices: frozenset[str], edges: frozenset[Edge], components: frozenset[str]) -> "Graph":
-        """Give a graph with these vertices, edges and members, and with the leaves and composites of this graph."""
+        """Return a graph with these vertices, edges and members, and with the leaves and composites of this graph."""
         return replace(self, own=Part(vertices, edges, components))
 
 
@@ -167,5 +167,5 @@ def parent(vertex: str) -> str:
 
 
 def inside(edges: Iterable[Edge], vertices: frozenset[str]) -> frozenset[Edge]:
-    """Give those of the edges that have both ends among these vertices."""
+    """Return those of the edges that have both ends among these vertices."""
     return frozenset(edge for edge in edges if edge[0] in vertices and edge[1] in vertices)

@@ -52,14 +52,14 @@ def read_graph(data: bytes, file: str, findings: Findings) -> Graph | None:
 
 
 def findings_in(data: bytes, file: str) -> tuple[Finding, ...]:
-    """Give all findings about the file of a graph."""
+    """Return all findings about the file of a graph."""
     found = _Found(file)
     read_graph(data, file, found)
     return tuple(found)
 
 
 def document(graph: Graph) -> Json:
-    """Give a graph as plain data: what `to_json` writes."""
+    """Return a graph as plain data: what `to_json` writes."""
     return {
         "pcs": 1,
         "name": graph.name,

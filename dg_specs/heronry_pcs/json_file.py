@@ -113,7 +113,7 @@ class _Reader:
     def _object(
         self, value: Any, path: _Path, subject: str, known: Sequence[str], required: Sequence[str] = ()
     ) -> dict[str, Any]:
-        """Give the known fields of the object `value`; report each field that is unknown, given twice or missing.
+        """Return the known fields of the object `value`; report each field that is unknown, given twice or missing.
 
         If `value` is no object, this is reported, too, and the result is empty.
 

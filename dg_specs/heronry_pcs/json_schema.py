@@ -54,7 +54,7 @@ _HAS_COMPONENTS: Final[dict[str, Any]] = {
 
 
 def graph_schema() -> dict[str, Any]:
-    """Give the JSON schema of a file with a component graph."""
+    """Return the JSON schema of a file with a component graph."""
     return {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": "Component graph of heronry (pcs: 1)",

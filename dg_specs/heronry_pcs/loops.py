@@ -57,7 +57,7 @@ class Loops:
         return bool(joined)
 
     def _within(self, vertices: frozenset[str]) -> Counter[int]:
-        """Give, by number of a loop, how many homes of the loop (head of this file) lie within these vertices.
+        """Return, by number of a loop, how many homes of the loop (head of this file) lie within these vertices.
 
         A loop without such a home is left out.
         """
@@ -75,7 +75,7 @@ def is_plant(graph: Graph, name: str) -> bool:
 
 
 def home(graph: Graph, vertex: str) -> str:
-    """Give the name of the smallest member of the graph (a leaf or composite) that holds a vertex.
+    """Return the name of the smallest member of the graph (a leaf or composite) that holds a vertex.
 
     If no member holds the vertex, give the name of the leaf to which the vertex belongs.
     """

@@ -28,6 +28,6 @@ def is_port(name: str) -> bool:
 
 
 def edge_of(text: str) -> tuple[str, str] | None:
-    """Give the two vertices of an edge written `A.a -> B.b`; None where the text is no edge."""
+    """Return the two vertices of an edge written `A.a -> B.b`; None where the text is no edge."""
     match = _EDGE.fullmatch(text)
     return (match["start"], match["end"]) if match is not None else None

@@ -21,7 +21,7 @@ Condition = Literal["excluded", "possible"]
 
 
 def neighbors(graph: Graph) -> Mapping[str, set[str]]:
-    """Give for each member the members that are its neighbors (head of this file).
+    """Return for each member the members that are its neighbors (head of this file).
 
     The keys are in the order of names.
     """
@@ -36,7 +36,7 @@ def neighbors(graph: Graph) -> Mapping[str, set[str]]:
 
 
 def _crossings(graph: Graph) -> set[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Give a pair for each edge: the members of the graph that hold its start, and the members that hold its end.
+    """Return a pair for each edge: the members of the graph that hold its start, and the members that hold its end.
 
     If several edges have the same pair, the result has this pair once.
     """
@@ -44,12 +44,12 @@ def _crossings(graph: Graph) -> set[tuple[tuple[str, ...], tuple[str, ...]]]:
 
 
 def subsumed(graph: Graph) -> Mapping[str, list[str]]:
-    """Give for each member the sorted names of the members that it subsumes (head of this file)."""
+    """Return for each member the sorted names of the members that it subsumes (head of this file)."""
     return {name: sorted(_subsumed_by(graph, name)) for name in graph.members}
 
 
 def _subsumed_by(graph: Graph, name: str) -> set[str]:
-    """Give the components that a member subsumes.
+    """Return the components that a member subsumes.
 
     A component is subsumed if a chain of components leads from the member down to it, and it is a subgraph of each
     component in the chain.
@@ -72,7 +72,7 @@ def _subsumed_by(graph: Graph, name: str) -> set[str]:
 
 
 def _below(graph: Graph, name: str) -> set[str]:
-    """Give all members of the graph that are inside the component `name`, at any depth."""
+    """Return all members of the graph that are inside the component `name`, at any depth."""
     seen: set[str] = set()
     waiting = [name]
     while waiting:
@@ -83,12 +83,12 @@ def _below(graph: Graph, name: str) -> set[str]:
 
 
 def controllable(graph: Graph) -> Mapping[str, Condition]:
-    """Give for each member `possible` if an edge leads into it from another member, else `excluded`."""
+    """Return for each member `possible` if an edge leads into it from another member, else `excluded`."""
     return _fed_by_another(graph, graph.edges)
 
 
 def observable(graph: Graph) -> Mapping[str, Condition]:
-    """Give for each member `possible` if an edge leads out of it to another member, else `excluded`."""
+    """Return for each member `possible` if an edge leads out of it to another member, else `excluded`."""
     return _fed_by_another(graph, {(end, start) for start, end in graph.edges})
 
 

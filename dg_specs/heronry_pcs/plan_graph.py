@@ -52,7 +52,7 @@ def plan_graph(spec: Spec, configuration: Configuration) -> Graph:
 
 
 def sides_of(spec: Spec) -> dict[str, str]:
-    """Give for each PE the name of its side: the PE of this side that comes first in the spec.
+    """Return for each PE the name of its side: the PE of this side that comes first in the spec.
 
     A *side* is a largest set of PEs that are joined by wired buses.
     """
@@ -74,7 +74,7 @@ def _joined(spec: Spec, pe: str) -> set[str]:
 
 
 def managers_side(spec: Spec) -> str | None:
-    """Give the side of the PEs on the manager's bus as `side:P`; P is the first PE of this side (`sides_of`).
+    """Return the side of the PEs on the manager's bus as `side:P`; P is the first PE of this side (`sides_of`).
 
     Returns None if no PE is on that bus.
     """
@@ -96,7 +96,7 @@ def module_leaf(spec: Spec, name: str, mode: str, pe: str, sides: Mapping[str, s
 
 
 def image_of(module: Module, mode: str, pe: str) -> str:
-    """Give the text `IMAGE:MODE@PE` of a module that runs in a mode on a PE."""
+    """Return the text `IMAGE:MODE@PE` of a module that runs in a mode on a PE."""
     return f"{module.image}:{mode}@{pe}"
 
 
@@ -175,7 +175,7 @@ def _composite(names: list[str], leaves: Mapping[str, Leaf], edges: frozenset[Ed
 
 
 def level_view(graph: Graph, level: str) -> frozenset[str]:
-    """Give a view of a plan's graph: its plants, and its composites of one level.
+    """Return a view of a plan's graph: its plants, and its composites of one level.
 
     level: `pe` for the composites `pe:P`, `side` for the composites `side:P`.
     """

@@ -99,7 +99,7 @@ class _Space:
                     ports.setdefault(name, set()).add(port)
 
     def pick(self, name: str, image: str) -> Leaf | None:
-        """Give the leaf of the module `name` in the mode and on the PE that `image` selects.
+        """Return the leaf of the module `name` in the mode and on the PE that `image` selects.
 
         If `image` names no mode, the first mode is taken whose leaf has a port for each edge that the script
         creates at the module. If `image` names no PE, the first possible PE is taken, and the module is added
@@ -128,7 +128,7 @@ class _Space:
                 yield (mode, pe), (image_of(module, mode, pe), *short)
 
     def place(self, name: str, image: str) -> Place:
-        """Give the mode and PE that an image names.
+        """Return the mode and PE that an image names.
 
         image: the whole image `IMAGE:MODE@PE`, as a leaf of the module `name` has it.
         """

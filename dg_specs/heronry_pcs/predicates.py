@@ -29,7 +29,7 @@ from heronry_pcs.neighborhood import neighbors
 
 
 def broken(graph: Graph) -> dict[str, list[str]]:
-    """Give, by member, the constraints of `component_graph` (head of this file) that the member breaks.
+    """Return, by member, the constraints of `component_graph` (head of this file) that the member breaks.
 
     A member that breaks none is left out.
     """

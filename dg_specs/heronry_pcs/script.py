@@ -87,7 +87,7 @@ class _Run:
         self.errors: list[ScriptError] = []
 
     def graph(self) -> Graph:
-        """Give the graph as it is now, with the edges of its composites."""
+        """Return the graph as it is now, with the edges of its composites."""
         edges = frozenset(self._edges)
         return replace(
             self._before,
@@ -172,7 +172,7 @@ class _Run:
         self._members -= gone
 
     def _missing(self, name: str) -> tuple[str, str]:
-        """Give the code and the words of the error about a name that is no member."""
+        """Return the code and the words of the error about a name that is no member."""
         line = self._deleted.get(name)
         return ("201", "does not exist") if line is None else ("207", f"was deleted on line {line}")
 
@@ -201,7 +201,7 @@ class _Run:
             self._error(call.line, "206", f"there is no edge {_shown(edge)}")
 
     def _edge(self, call: Call) -> Edge | None:
-        """Give the edge that an operation names; None if one of its ends does not exist.
+        """Return the edge that an operation names; None if one of its ends does not exist.
 
         An end that does not exist is noted as an error, unless its component was not created because of an error.
         """

@@ -15,5 +15,5 @@ def shipped_graph_names() -> tuple[str, ...]:
 
 
 def shipped_graph_path(name: str) -> Path:
-    """Give the file of a shipped graph, whose name must be one of `shipped_graph_names`."""
+    """Return the file of a shipped graph, whose name must be one of `shipped_graph_names`."""
     return next(path for folder in _FOLDERS if (path := folder / f"{name}{YAML_SUFFIX}").is_file())

@@ -37,7 +37,7 @@ def check_view(model: Graph, view: Collection[str]) -> None:
 
 
 def view_graph(model: Graph, view: Collection[str]) -> Graph:
-    """Give a view as a graph of its own; raises PcsError as `check_view` does.
+    """Return a view as a graph of its own; raises PcsError as `check_view` does.
 
     The components of the graph are the members of the view, each closed: without inner edges and components.
     """

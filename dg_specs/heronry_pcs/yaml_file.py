@@ -78,7 +78,7 @@ class _Reader:
             self._refuse(entry.node.place, f"'pcs' must be 1, not {_shown(entry.node)}", "write pcs: 1")
 
     def _fields(self, node: MapNode, subject: str, known: tuple[str, ...]) -> dict[str, Entry]:
-        """Give the fields of a map that are known and not empty; each unknown field is reported."""
+        """Return the fields of a map that are known and not empty; each unknown field is reported."""
         for name in node.entries.keys() - set(known):
             hint = self._findings.suggestion(name, known) or f"it may have {listed(known)}"
             self._refuse(node.entries[name].place, f"{subject} has no field {shown(name)}", hint)

@@ -238,7 +238,7 @@ class PlanningPolicy:
         return Answer(PlanFailed(request.request, reason), Source.IMMEDIATE)
 
     def _in_its_place(self, request: RequestPlan, answer: PlanReady | PlanFailed) -> Answer:
-        """Give the answer of the exact planner or, if it has failed, an answer of the greedy planner in its place.
+        """Return the answer of the exact planner or, if it has failed, an answer of the greedy planner in its place.
 
         The failure itself is the answer to a background request. It is also the answer if there is no greedy
         planner, or if the greedy plan is not legal.
@@ -252,7 +252,7 @@ class PlanningPolicy:
         return Answer(answer, Source.PLANNER)
 
     def _safe_mode(self, request: RequestPlan, immediate: Plan | None) -> Answer | None:
-        """Give the safe mode as the answer, if it is legal and serves more of class A than the immediate plan.
+        """Return the safe mode as the answer, if it is legal and serves more of class A than the immediate plan.
 
         immediate: None: no immediate plan is legal.
         """
@@ -337,7 +337,7 @@ class PlanningPolicy:
         self._in_pre_planning = None
 
     def _recall(self, question: Question) -> Plan | None:
-        """Give the pre-planned plan that answers a question; None if there is none.
+        """Return the pre-planned plan that answers a question; None if there is none.
 
         Of all pre-planned plans that are kept now, this plan will be forgotten last.
         """

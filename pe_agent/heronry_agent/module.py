@@ -64,7 +64,7 @@ class Inputs(Mapping[str, Datum]):
                 self._best[variable] = datum
 
     def __getitem__(self, variable: str) -> Datum:
-        """Give the datum of a variable; raises AbsentError if the variable has no fresh datum in this step."""
+        """Return the datum of a variable; raises AbsentError if the variable has no fresh datum in this step."""
         try:
             return self._best[variable]
         except KeyError:

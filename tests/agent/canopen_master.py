@@ -54,7 +54,7 @@ class Master:
         self._listen(self.pe.hear(Frame(can_id, bytes(data))))
 
     def get(self, *, block: bool, timeout: float) -> bytes:
-        """Give the next answer, in place of the client's queue."""
+        """Return the next answer, in place of the client's queue."""
         assert block
         end_ns = self.pe.now_ns + round(timeout * NS_PER_S)
         while not self.heard and self.pe.core.next_deadline_ns() <= end_ns:

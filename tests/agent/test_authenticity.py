@@ -87,7 +87,7 @@ class Keyed:
 
 @pytest.fixture
 def keyed() -> Keyed:
-    """Give a PE that has been welcomed."""
+    """Return a PE that has been welcomed."""
     one = Keyed()
     one.welcome(one.nonce())
     one.tell(LEASE, NAMES_IT)

@@ -85,7 +85,7 @@ class Line:
             self._answer(self.ask(bytes(data)))
 
     def get(self, *, block: bool, timeout: float) -> bytes:
-        """Give the next answer, in place of the client's queue; waits in the server's time."""
+        """Return the next answer, in place of the client's queue; waits in the server's time."""
         assert block
         end_ns = self.now_ns + round(timeout * 1000 * MS)
         while not self.heard and self.server.next_ns <= end_ns:

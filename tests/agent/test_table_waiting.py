@@ -146,7 +146,7 @@ class KeyedWaiting(Waiting):
 
 @pytest.fixture
 def keyed() -> KeyedWaiting:
-    """Give a node that accepts the commands of its manager."""
+    """Return a node that accepts the commands of its manager."""
     waiting = KeyedWaiting()
     waiting.meet()
     return waiting

@@ -85,7 +85,7 @@ class _Watch:
         self._core = core
 
     def seen(self) -> tuple[object, ...]:
-        """Give the present values."""
+        """Return the present values."""
         core = self._core
         assert core.authenticity is not None
         running, staged = core.active_configuration.running, core.staging.staged
@@ -180,7 +180,7 @@ class Attacked:
     # Commands
 
     def _payload(self, command: Command, term: int = _TERM) -> bytes:
-        """Give a command that would change the PE if it were accepted."""
+        """Return a command that would change the PE if it were accepted."""
         draw, node = self._random.randrange, self._node
         match command:
             case Command.LEASE:
@@ -202,7 +202,7 @@ class Attacked:
                 return Control(term, node, self._random.choice(operations), draw(1 << 16), draw(1 << 16)).encode()
 
     def _frame(self, term: int = _TERM, manager: int = FIRST_MANAGER) -> Frame:
-        """Give a command that is not waiting for its TAG: with a true TAG such a command would be a true one."""
+        """Return a command that is not waiting for its TAG: with a true TAG such a command would be a true one."""
         while True:
             command = self._random.choice(_COMMANDS)
             frame = Frame(management_id(manager, command), self._payload(command, term))
@@ -248,7 +248,7 @@ class Attacked:
 
 
 def management_load(spec: Spec, key: Key | None) -> dict[str, float]:
-    """Give the share of each bus that commands take in steady flight, in the ten seconds after the first deployment."""
+    """Return the share of each bus that commands take in steady flight, for ten seconds after the first deployment."""
     simulation = Simulation(spec, 1, key=key)
     bits: Counter[str] = Counter()
 

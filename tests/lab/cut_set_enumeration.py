@@ -69,7 +69,7 @@ def _enumerated(
 
 
 def shipped() -> list[str]:
-    """Give the names of all shipped specs, the examples among them."""
+    """Return the names of all shipped specs, the examples among them."""
     return [*shipped_spec_names(), *map(str, example_specs())]
 
 

@@ -84,7 +84,7 @@ class Endured:
     usual_ms: float = 0.0  # the longest silence that such a restart takes without a forger
 
     def failure(self) -> str | None:
-        """Give what rule 11 of the protocol forbids; None: nothing."""
+        """Return what rule 11 of the protocol forbids; None: nothing."""
         if self.silent_ms > self.usual_ms + self.lease_ms:
             limit = f"{self.lease_ms:.0f} ms" if not self.usual_ms else f"{self.usual_ms:.0f} + {self.lease_ms:.0f} ms"
             return f"a function was silent for {self.silent_ms:.0f} ms, longer than T_lease ({limit})"
@@ -97,7 +97,7 @@ class Endured:
         return None if self.refused or not self.percent else "the manager's status tells nothing of the forger"
 
     def line(self) -> str:
-        """Give the figures in one line."""
+        """Return the figures in one line."""
         told = f"{self.kind:17} {self.percent} % (sent {self.sent_percent:.1f} %): "
         told += f"longest silence {self.silent_ms:.0f} ms, {self.renewed} sessions ended, {self.refused} refused"
         failure = self.failure()
@@ -209,7 +209,7 @@ class _Attack:
 
 
 def lease_ms(spec: Spec) -> float:
-    """Give T_lease of the slowest bus, in ms."""
+    """Return T_lease of the slowest bus, in ms."""
     return LEASE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) / _MS
 
 

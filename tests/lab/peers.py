@@ -53,12 +53,12 @@ Action = TypeVar("Action")
 
 
 def command_frame(message: ManagementMessage, manager: int = FIRST_MANAGER) -> Frame:
-    """Give the frame of a command."""
+    """Return the frame of a command."""
     return Frame(management_id(manager, COMMAND_OF[type(message)]), message.encode())
 
 
 def slice_messages(node: int, epoch: int, part: Slice | bytes, identity: bytes) -> list[SliceHead | SliceBody]:
-    """Give head and bodies of a PE's slice; `identity` is that of the PE's table."""
+    """Return head and bodies of a PE's slice; `identity` is that of the PE's table."""
     body = part if isinstance(part, bytes) else part.encode()
     head = SliceHead(node, epoch & 0xFF, len(body), slice_digest(identity, body))
     chunks = [body[at : at + SLICE_BYTES_PER_FRAME] for at in range(0, len(body), SLICE_BYTES_PER_FRAME)]
@@ -72,7 +72,7 @@ class Core(Protocol[Event_contra, Action]):
         """Process an event; gives the actions."""
 
     def next_deadline_ns(self) -> int | None:
-        """Give the latest time (ns) at which the core must be called again; None: no call is needed."""
+        """Return the latest time (ns) at which the core must be called again; None: no call is needed."""
 
 
 class SteppedCore(Generic[Event_contra, Action]):
@@ -107,7 +107,7 @@ class SteppedCore(Generic[Event_contra, Action]):
 
 
 def nonces_in(actions: Iterable[object], node: int) -> list[int]:
-    """Give the nonces of a PE with a key among its actions."""
+    """Return the nonces of a PE with a key among its actions."""
     sends = [action for action in actions if isinstance(action, Send)]
     pages = [decode_state(send.frame.data) for send in sends if send.frame.can_id == state_id(node)]
     return [page.nonce for page in pages if isinstance(page, StatePage2)]
@@ -122,11 +122,11 @@ class PlayedManager:
         self.signer = None if key is None else CommandSigner(key, node, term)
 
     def frames(self, *messages: ManagementMessage) -> list[Frame]:
-        """Give the frames of commands, each with its TAG where there is a key."""
+        """Return the frames of commands, each with its TAG where there is a key."""
         return [frame for message in messages for frame in self.tagged(command_frame(message, self.node))]
 
     def tagged(self, frame: Frame) -> list[Frame]:
-        """Give a frame, and its TAG where there is a key and the term has a number left."""
+        """Return a frame, and its TAG where there is a key and the term has a number left."""
         tag = None if self.signer is None else self.signer.tag(frame)
         return [frame] if tag is None else [frame, tag]
 
@@ -137,7 +137,7 @@ class PlayedManager:
 
     @property
     def session(self) -> Session:
-        """Give the session that the last WELCOME has opened."""
+        """Return the session that the last WELCOME has opened."""
         assert self.signer is not None
         return Session(self.node, self.signer.term, self.signer.number)
 
@@ -187,7 +187,7 @@ class PlayedObjects:
         self._toggle = 0
 
     def answer(self, node: int, message: bytes) -> bytes:
-        """Give the answer of a PE to a request; raises AssertionError where the client breaks CiA 301."""
+        """Return the answer of a PE to a request; raises AssertionError where the client breaks CiA 301."""
         if command_of(message) == UPLOAD:
             index, sub_index, _ = read_head(message)
             self.asked.append((node, index, sub_index))

@@ -103,7 +103,7 @@ class ScriptingOperator:
 
 
 def another(spec: Spec, now: Situation, running: Configuration, random: Random) -> Configuration:
-    """Give a configuration that is legal now and differs from what runs: one module is elsewhere, or is stopped.
+    """Return a configuration that is legal now and differs from what runs: one module is elsewhere, or is stopped.
 
     Where twenty draws find none, it is what runs.
     """
@@ -123,7 +123,7 @@ def another(spec: Spec, now: Situation, running: Configuration, random: Random) 
 
 
 def broken(text: str, random: Random) -> str:
-    """Give a script with an error, most likely."""
+    """Return a script with an error, most likely."""
     lines = text.splitlines()
     if not lines:
         return "G.DeleteComponent ( nothing );\n"

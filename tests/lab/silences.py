@@ -19,7 +19,7 @@ class Silences:
 
     @property
     def heard(self) -> Collection[str]:
-        """Give the functions that have been heard."""
+        """Return the functions that have been heard."""
         return self._last_ns.keys()
 
     def see(self, at_ns: int, frame: Frame) -> None:
@@ -35,5 +35,5 @@ class Silences:
         self._longest_ns = 0
 
     def longest_ns(self, now_ns: int) -> int:
-        """Give the longest silence since `begin`, also one that has not ended."""
+        """Return the longest silence since `begin`, also one that has not ended."""
         return max([self._longest_ns, *(now_ns - last_ns for last_ns in self._last_ns.values())])

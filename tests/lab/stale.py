@@ -59,7 +59,7 @@ class Flown:
 
 
 def faults_of(spec: Spec, flight: Flight) -> tuple[Fault, ...]:
-    """Give the faults of a flight, from its seed."""
+    """Return the faults of a flight, from its seed."""
     random = Random(f"stale {flight.seed}")
     if flight.kind == "undisturbed":
         return ()
@@ -101,7 +101,7 @@ def fly(spec: Spec, flight: Flight) -> Flown:
 
 
 def report(name: str, flown: list[Flown]) -> Iterator[str]:
-    """Give the lines about the flights of one spec."""
+    """Yield the lines about the flights of one spec."""
     for kind in KINDS:
         these = [one for one in flown if one.flight.kind == kind]
         if not these:

@@ -70,7 +70,7 @@ class Ground:
             self.bus.send(can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False), PATIENCE_S)
 
     def hear(self, wanted: Callable[[Frame], bool]) -> list[Frame]:
-        """Give all frames up to the first wanted one."""
+        """Return all frames up to the first wanted one."""
         heard = []
         while True:
             message = self.bus.recv(PATIENCE_S)

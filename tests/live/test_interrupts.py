@@ -187,7 +187,7 @@ def interrupt(command: str, folder: Path) -> None:
 
 
 def results_of_whole(command: str, folder: Path) -> dict[str, bytes]:
-    """Give what the same command writes where nothing interrupts it."""
+    """Return what the same command writes where nothing interrupts it."""
     for file in folder.glob("result.*"):
         file.unlink()
     assert started(COMMANDS[command].split(), folder).wait() == 0

@@ -67,13 +67,13 @@ class Process:
         self._unread = b""
 
     def event(self, *kinds: type[E]) -> E:
-        """Give a manager's next event of one of these kinds."""
+        """Return a manager's next event of one of these kinds."""
         last = self.events_until(*kinds)[-1]
         assert isinstance(last, kinds)
         return last
 
     def events_until(self, *kinds: type[events.Event]) -> list[events.Event]:
-        """Give a manager's events up to the next one of these kinds."""
+        """Return a manager's events up to the next one of these kinds."""
         assert self.process.stdout is not None
         come: list[events.Event] = []
         while True:
@@ -126,7 +126,7 @@ class Aircraft:
         ]
 
     def hear(self, wanted: Callable[[Frame], bool]) -> Frame:
-        """Give the next wanted frame."""
+        """Return the next wanted frame."""
         until_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < until_s:
             message = self.bus.recv(PATIENCE_S)
@@ -321,7 +321,7 @@ Complaint = Callable[..., str]
 
 @pytest.fixture
 def complaint(capsys: pytest.CaptureFixture[str]) -> Complaint:
-    """Give the one sentence with which a program refuses; it runs in this process."""
+    """Return the one sentence with which a program refuses; it runs in this process."""
 
     def refused(program: Callable[[Sequence[str]], int], *arguments: str) -> str:
         assert program(arguments) == 2

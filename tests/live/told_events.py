@@ -11,7 +11,7 @@ E = TypeVar("E", bound=Event)
 
 
 def next_event(lines: Iterable[str | bytes], kind: type[E], **fields: Any) -> E:
-    """Give the next event of a kind whose fields have these values."""
+    """Return the next event of a kind whose fields have these values."""
     for told in events_in(lines):
         if isinstance(told, kind) and fields.items() <= to_object(told).items():
             return told

@@ -105,7 +105,7 @@ def changed(pe: Pe, **fields: Any) -> Pe:
 
 
 def status(manager: OneManager) -> dict[str, Any]:
-    """Give what the status tells of the left PE."""
+    """Return what the status tells of the left PE."""
     (reply,) = [a for a in manager.give(OperatorSaid(1, AskStatus())) if isinstance(a, Reply)]
     assert reply.status is not None
     told: dict[str, Any] = reply.status["pes"]["left"]
@@ -120,13 +120,13 @@ def counts(manager: OneManager) -> tuple[bool, int, int]:
 
 
 def attacks(manager: OneManager) -> list[events.Attacked]:
-    """Give the events that tell an attack."""
+    """Return the events that tell an attack."""
     return [event for event in manager.events if isinstance(event, events.Attacked)]
 
 
 @pytest.fixture
 def manager() -> OneManager:
-    """Give a manager that has begun to send."""
+    """Return a manager that has begun to send."""
     one = OneManager(key=KEY)
     one.pass_time(6 * BEAT_NS)
     return one
@@ -134,7 +134,7 @@ def manager() -> OneManager:
 
 @pytest.fixture
 def pe(manager: OneManager) -> Pe:
-    """Give a PE that has been welcomed."""
+    """Return a PE that has been welcomed."""
     one = Pe(manager)
     one.ask()
     assert one.session is not None
@@ -346,7 +346,7 @@ def test_another_manager_ends_a_mastership_only_with_the_key(manager: OneManager
 
 @pytest.fixture
 def advisor() -> OneManager:
-    """Give a manager that only advises, beside an active one that has sent before; so it knows no session."""
+    """Return a manager that only advises, beside an active one that has sent before; so it knows no session."""
     one = OneManager(key=KEY)
     one.core = ManagerCore(one.spec, 127, NOTHING, one.now_ns, advise=True, key=KEY)
     one.pass_time(6 * BEAT_NS)

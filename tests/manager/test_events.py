@@ -27,7 +27,7 @@ EVERY_KIND = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 
 
 def drawn(hint: Any, chance: random.Random) -> Any:
-    """Give a value of an annotation, such as a field of an event has."""
+    """Return a value of an annotation, such as a field of an event has."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         return drawn(chance.choice(inner), chance)

@@ -42,7 +42,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 
 def state_of(pid: int) -> str | None:
-    """Give the letter of a process's state; None where it has ended."""
+    """Return the letter of a process's state; None where it has ended."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except FileNotFoundError:

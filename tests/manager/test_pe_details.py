@@ -54,7 +54,7 @@ class Reading(OneManager):
         self.hear(Frame(emcy_id(LEFT), Emergency(code, 0x81, ElementKind.MODULE, module, detail).encode()))
 
     def told(self, kind: type[E]) -> list[E]:
-        """Give the events of a kind, each with time 0."""
+        """Return the events of a kind, each with time 0."""
         return [replace(one, t_ns=0) for one in self.of(kind)]
 
     def ask(self, order: AskStatus | AskTraceback) -> Reply:

@@ -393,7 +393,7 @@ MUTATIONS: Mapping[str, Mutation] = {
 
 
 def canonical(configuration: Configuration) -> Canonical:
-    """Give a hashable form of a configuration."""
+    """Return a hashable form of a configuration."""
     return frozenset(
         (
             name,

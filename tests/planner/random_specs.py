@@ -446,7 +446,7 @@ def _expression(rng: random.Random, versions: _Versions, depth: int) -> Expressi
 def _with_worth(
     rng: random.Random, needs: Expression | None, variables: dict[str, Variable], *, chosen: bool = False
 ) -> Expression | None:
-    """Give the leaves their default worth, and some of them one of their own."""
+    """Return the leaves their default worth, and some of them one of their own."""
     if needs is None:
         return None
     if isinstance(needs, Leaf):
@@ -499,7 +499,7 @@ def _groups(rng: random.Random, modules: list[str]) -> tuple[tuple[str, ...], ..
 def _broken_cycles(
     rng: random.Random, modules: dict[str, Module], variables: dict[str, Variable]
 ) -> dict[str, Variable]:
-    """Give initial values until no cycle is possible without one."""
+    """Return initial values until no cycle is possible without one."""
     variables = dict(variables)
     while ring := _variables_on_cycles(modules, variables):
         name = rng.choice(sorted(ring))

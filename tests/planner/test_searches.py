@@ -14,7 +14,7 @@ from planner.random_specs import random_case
 
 
 def alone(way: Callable[[float], CpSolver]) -> Callable[[Kind], Iterator[Callable[[float], CpSolver]]]:
-    """Give the ways, where this is the only one."""
+    """Return the ways, where this is the only one."""
     return lambda _: iter([way])
 
 

@@ -78,13 +78,13 @@ def subsets(names: Sequence[str]) -> Iterator[frozenset[str]]:
 
 
 def smallest(losing: Collection[frozenset[str]]) -> set[frozenset[str]]:
-    """Give the sets of a collection, closed upwards, that stop losing as soon as they lack any one of their members."""
+    """Return the sets of a collection, closed upwards, that stop losing as soon as they lack any of their members."""
     known = set(losing)
     return {down for down in known if not any(down - {one} in known for one in down)}
 
 
 def chance(down: Collection[str], chances: Mapping[str, float]) -> float:
-    """Give the probability that exactly these elements are down, and no other."""
+    """Return the probability that exactly these elements are down, and no other."""
     found = 1.0
     for name, its in chances.items():
         found *= its if name in down else 1.0 - its

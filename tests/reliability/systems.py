@@ -58,7 +58,7 @@ class System:
         return Enumerator(self.spec, Situation()).hosts
 
     def without(self, down: Collection[str]) -> frozenset[Placed]:
-        """Give the modules that cannot run where they otherwise could."""
+        """Return the modules that cannot run where they otherwise could."""
         left = Enumerator(self.spec, Situation(frozenset(down))).hosts
         return frozenset((name, pe) for name, pes in self.hosts.items() for pe in pes if pe not in left[name])
 
@@ -86,7 +86,7 @@ class System:
         return sum(self._bits[one] for one in placed)
 
     def dead(self, down: int) -> int:
-        """Give, as bits, the modules that cannot run where they otherwise could; `down` has a bit for each element."""
+        """Return, as bits, the modules that cannot run where they otherwise could; `down`: a bit for each element."""
         alone, together = self._dead
         found = 0
         for number, its in enumerate(alone):
@@ -133,7 +133,7 @@ def drawn_system(rng: random.Random, *, least: int, most: int) -> System:
 
 
 def _ways_to_serve(spec: Spec, function: str) -> tuple[frozenset[Placed], ...] | None:
-    """Give the smallest sets of placed modules with which a legal configuration serves a function; None: too many."""
+    """Return the smallest sets of placed modules with which a legal configuration serves a function; None: too many."""
     others = {name: 0 for name in spec.functions if name != function}
     every = Enumerator(spec, Situation(priorities=others))
     structures = list(islice(every.structures(), MOST_CONFIGURATIONS + 1))
@@ -193,7 +193,7 @@ class Failing:
         return cls(alone | {name: chance - shares[name] for name, chance in hazards.demands.items()}, causes)
 
     def of_each_set(self, named: Sequence[str]) -> list[float]:
-        """Give the probability of each set of elements that exactly these are down; a set is a number, by bits."""
+        """Return the probability of each set of elements that exactly these are down; a set is a number, by bits."""
         total = [0.0] * (1 << len(named))
         for happening in product((False, True), repeat=len(self.causes)):
             weight, struck = 1.0, set[str]()

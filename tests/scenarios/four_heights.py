@@ -9,7 +9,7 @@ class AsRead(Module):
     """Gives what the sensor reads."""
 
     def step(self, inputs: Inputs) -> dict[str, Value]:  # noqa: ARG002 - a sensor is its only input
-        """Give the reading, or nothing without a valid one."""
+        """Return the reading, or nothing without a valid one."""
         reading = self.ctx.read()
         return {} if reading is None else {"height": self.height(reading)}
 

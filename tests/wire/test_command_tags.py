@@ -63,7 +63,7 @@ class Listener:
 
 
 def welcomed(signer: CommandSigner) -> Listener:
-    """Give a listener that has been welcomed."""
+    """Return a listener that has been welcomed."""
     listener = Listener()
     listener.hear(*signer.welcome(92, NONCE))
     assert listener.verifier.places[126] == Place(3, signer.number)
@@ -72,7 +72,7 @@ def welcomed(signer: CommandSigner) -> Listener:
 
 
 def said_by(signer: CommandSigner, said: Sequence[Frame]) -> list[Frame | None]:
-    """Give commands, each with its TAG behind it."""
+    """Return commands, each with its TAG behind it."""
     return [one for frame in said for one in (frame, signer.tag(frame))]
 
 

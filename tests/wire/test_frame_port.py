@@ -17,7 +17,7 @@ STATE = 257
 
 
 def record(can_id: int, data: bytes, length: int | None = None) -> bytes:
-    """Give a struct can_frame of linux/can.h."""
+    """Return a struct can_frame of linux/can.h."""
     return pack("=IB3x8s", can_id, len(data) if length is None else length, data)
 
 

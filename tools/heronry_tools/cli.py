@@ -85,7 +85,7 @@ def _expect_command(name: str) -> None:
 
 
 def help_of_all() -> str:
-    """Give the text of `heronry --help`: all commands, one line each, grouped by the task of the user."""
+    """Return the text of `heronry --help`: all commands, one line each, grouped by the task of the user."""
     return "\n".join([_FIRST, *_groups(), _LAST])
 
 

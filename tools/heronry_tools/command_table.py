@@ -26,7 +26,7 @@ class Command:
     file: str = ""
 
     def module(self) -> str:
-        """Give the name of its two files: `file`, or if that is empty, the name of the command with `_` for `-`."""
+        """Return the name of its two files: `file`, or if that is empty, the name of the command with `_` for `-`."""
         return self.file or self.name.replace("-", "_")
 
 

@@ -49,11 +49,11 @@ class Assessed:
     digest: str = ""
 
     def line(self, number: int) -> str:
-        """Give the text of a line that has a finding; empty where the file has no such line."""
+        """Return the text of a line that has a finding; empty where the file has no such line."""
         return self.lines.get(number, "")
 
     def errors_alone(self) -> "Assessed":
-        """Give a copy without warnings."""
+        """Return a copy without warnings."""
         return replace(self, findings=tuple(one for one in self.findings if one.severity is Severity.ERROR))
 
 
@@ -98,7 +98,7 @@ def _assess(
 
 
 def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
-    """Give the lines of a file that have one of these numbers; the file is read up to the last of these lines."""
+    """Return the lines of a file that have one of these numbers; the file is read up to the last of these lines."""
     last = max(numbers, default=0)
     lines = enumerate(islice(lines_of(data), last), 1) if numbers else ()
     return {number: line for number, line in lines if number in numbers}
@@ -107,7 +107,7 @@ def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
 def _told(
     findings: Findings, said: Instructions, rules: Mapping[str, Rule], choice: Choice
 ) -> tuple[list[Finding], set[Ignore]]:
-    """Give the findings that are reported, and the ignore comments that match any finding, reported or not."""
+    """Return the findings that are reported, and the ignore comments that match any finding, reported or not."""
     told: list[Finding] = []
     used: set[Ignore] = set()
     for finding in findings:
@@ -128,7 +128,7 @@ def _without_echoes(told: list[Finding], rules: Mapping[str, Rule]) -> list[Find
 
 
 def _unused(file: str, said: Instructions, used: set[Ignore], ran: tuple[str, ...], choice: Choice) -> list[Finding]:
-    """Give a finding for each ignore comment that matched no finding; the comments in `used` matched one.
+    """Return a finding for each ignore comment that matched no finding; the comments in `used` matched one.
 
     A comment counts only if the check of its code ran and the user wants findings of this code.
 

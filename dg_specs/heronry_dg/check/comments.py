@@ -44,12 +44,12 @@ class Instructions:
     raised: set[str] = field(default_factory=set)
 
     def ignores_of(self, finding: Finding) -> Iterator[Ignore]:
-        """Give the instructions that suppress a finding."""
+        """Return the instructions that suppress a finding."""
         return (one for one in self.ignores if one.code == finding.code and one.line == finding.place.line)
 
 
 def lines_of(data: bytes) -> Iterator[str]:
-    """Give the lines of a file one by one; bytes that are not UTF-8 are replaced."""
+    """Yield the lines of a file one by one; bytes that are not UTF-8 are replaced."""
     text = data.decode("utf-8-sig", "replace")
     begin = 0
     for line_break in LINE_BREAK.finditer(text):

@@ -30,7 +30,7 @@ _KEY: Final = re.compile(r"^(?=[A-Za-z_]+:)", re.MULTILINE)
 
 
 def whole_spec(fragment: str) -> bytes:
-    """Give the bytes of a whole spec made from a fragment."""
+    """Return the bytes of a whole spec made from a fragment."""
     head, *own = _KEY.split(fragment)
     sections = {_key(section): section for section in own}
     if not own or "dg" in sections or head.startswith(("%", "---")):

@@ -84,7 +84,7 @@ class _Wiring:
         return any(leaf.accepts(version) for version in self.givers.get(leaf.variable, {}))
 
     def groups(self, leaf: Leaf) -> frozenset[str]:
-        """Give the names of the modules and DEMUXes that could be wired to a leaf.
+        """Return the names of the modules and DEMUXes that could be wired to a leaf.
 
         The name of a DEMUX stands for its branches, or for its ends, since only one of these modules runs at a time. So
         does the name of an actuator for its drivers, if there are several.
@@ -97,11 +97,11 @@ class _Wiring:
         return self._groups[key]
 
     def upstream(self, modules: Iterable[str]) -> set[str]:
-        """Give `modules`, and all modules from which these could get data, directly or through other modules."""
+        """Return `modules`, and all modules from which these could get data, directly or through other modules."""
         return self._reached(modules, lambda name: self._reads[name], self._read_from)
 
     def downstream(self, modules: Iterable[str]) -> set[str]:
-        """Give `modules`, and all modules that could get data from these, directly or through other modules."""
+        """Return `modules`, and all modules that could get data from these, directly or through other modules."""
         return self._reached(modules, lambda name: self._gives[name], lambda datum: self._readers[datum])
 
     def _read_from(self, accepted: _Accepted) -> Iterable[str]:
@@ -208,7 +208,7 @@ def _circles(subject: Subject, findings: Findings) -> None:
 
 
 def _circle(rules_of: Mapping[str, When]) -> list[str]:
-    """Give the phases of a shortest circle, in order; the list is empty if there is no circle.
+    """Return the phases of a shortest circle, in order; the list is empty if there is no circle.
 
     The rule of each phase leads from the phase before it in the list to this phase, and the rule of the first phase
     leads from the last phase. All rules of the circle hold at one and the same value of the variable.
@@ -297,7 +297,7 @@ class _Possible:
         return self._most(expression.inputs) >= fewest
 
     def _most(self, inputs: Sequence[Expression]) -> int:
-        """Give an upper bound of the number of these inputs that hold at once.
+        """Return an upper bound of the number of these inputs that hold at once.
 
         The bound takes into account that a module gives only one version of a variable at a time.
         """
@@ -315,7 +315,7 @@ class _Possible:
         return most
 
     def _sources(self, leaf: Leaf) -> frozenset[str] | None:
-        """Give the names of the modules and DEMUXes that could be wired to a leaf while `module` runs.
+        """Return the names of the modules and DEMUXes that could be wired to a leaf while `module` runs.
 
         A DEMUX is named in place of its branches and ends, since only one of these modules runs at a time. If `module`
         itself is a branch or an end of a DEMUX, no other branch or end of that DEMUX runs. So the result names that
@@ -334,7 +334,7 @@ class _Possible:
 
 
 def _flat(expression: Expression) -> Iterator[Expression]:
-    """Give the inputs of an AND; an AND among these inputs is replaced by its own inputs.
+    """Yield the inputs of an AND; an AND among these inputs is replaced by its own inputs.
 
     An expression that is no AND is given unchanged.
     """

@@ -38,7 +38,7 @@ _SECTIONS = {"pe": "pes", "device": "devices", "module": "modules", "bus": "buse
 
 
 def _fallible(subject: Subject) -> dict[str, Fallible]:
-    """Give the elements that may have a rate or a probability."""
+    """Return the elements that may have a rate or a probability."""
     return {
         f"{kind}:{name}": element
         for kind, section in _SECTIONS.items()

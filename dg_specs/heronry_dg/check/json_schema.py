@@ -102,12 +102,12 @@ _NO_MODES: Final[Mapping[str, Any]] = {
 
 
 def schema_text() -> str:
-    """Give the content of the file dg.schema.json."""
+    """Return the content of the file dg.schema.json."""
     return json.dumps(spec_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
 def spec_schema() -> dict[str, Any]:
-    """Give the schema of a whole spec."""
+    """Return the schema of a whole spec."""
     schema = spec_form().model_json_schema(by_alias=True, ref_template="#/definitions/{model}")
     definitions = schema.pop("$defs")
     definitions["Expression"] = dict(_EXPRESSION)

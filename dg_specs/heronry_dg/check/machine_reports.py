@@ -22,13 +22,13 @@ SARIF_SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/o
 
 
 def json_report(files: Sequence[Assessed], rules: Mapping[str, Rule]) -> str:
-    """Give a JSON list with one object per finding."""
+    """Return a JSON list with one object per finding."""
     found = [finding_fields(assessed, finding, rules) for assessed in files for finding in assessed.findings]
     return json.dumps(found, indent=2, ensure_ascii=False) + "\n"
 
 
 def finding_fields(assessed: Assessed, finding: Finding, rules: Mapping[str, Rule]) -> dict[str, object]:
-    """Give a finding as one object of the JSON report."""
+    """Return a finding as one object of the JSON report."""
     return {
         "file": finding.file,
         "line": finding.place.line,
@@ -43,7 +43,7 @@ def finding_fields(assessed: Assessed, finding: Finding, rules: Mapping[str, Rul
 
 
 def github_report(files: Sequence[Assessed]) -> str:
-    """Give one workflow command per finding, by which GitHub shows the finding beside its line."""
+    """Return one workflow command per finding, by which GitHub shows the finding beside its line."""
     return "".join(_command(assessed, finding) for assessed in files for finding in assessed.findings)
 
 
@@ -71,7 +71,7 @@ def _property(text: str) -> str:
 
 
 def sarif_report(files: Sequence[Assessed], rules: Mapping[str, Rule], version: str) -> str:
-    """Give one run of SARIF 2.1.0, with all rules, and one result per finding."""
+    """Return one run of SARIF 2.1.0, with all rules, and one result per finding."""
     order = {code: index for index, code in enumerate(rules)}
     run = {
         "tool": {
@@ -120,7 +120,7 @@ def _uri(file: str) -> str:
 
 
 def junit_report(files: Sequence[Assessed]) -> str:
-    """Give the report of JUnit, with one suite per file.
+    """Return the report of JUnit, with one suite per file.
 
     A suite has one case per finding: an error is a failed case, any other finding is a passed case with a text. The
     suite of a file without findings has one passed case.

@@ -49,7 +49,7 @@ def _on_path(spec: Spec) -> set[str]:
 
 
 def _possible(spec: Spec) -> dict[_Node, list[_Node]]:
-    """Give, for each module, device and plant, the modules, devices and plants that it could act on directly."""
+    """Return, for each module, device and plant, the modules, devices and plants that it could act on directly."""
     leads: dict[_Node, list[_Node]] = {
         **{("module", name): [] for name in spec.modules},
         **{("device", name): [] for name in spec.devices},

@@ -20,7 +20,7 @@ only a part of a file, the rest is a small spec without findings.
 
 
 def explained(rule: Rule) -> str:
-    """Give the text of one rule for a terminal: what it finds, why that matters, an example and its remedy."""
+    """Return the text of one rule for a terminal: what it finds, why that matters, an example and its remedy."""
     stops = ", and keeps the spec from being loaded" if rule.stops else ""
     return "\n".join(
         [
@@ -42,12 +42,12 @@ def explained(rule: Rule) -> str:
 
 
 def table(rules: Iterable[Rule]) -> str:
-    """Give a table of rules for a terminal, one line each."""
+    """Return a table of rules for a terminal, one line each."""
     return "".join(f"{rule.code}  {rule.severity:7}  {rule.name:24}  {rule.what}\n" for rule in rules)
 
 
 def page(families: Sequence[Family]) -> str:
-    """Give the page of all rules in Markdown."""
+    """Return the page of all rules in Markdown."""
     parts = [_HEAD, *(_family_table(family) for family in families)]
     for family in families:
         parts.append(f"## {family.prefix}xx: {family.title}\n")
@@ -96,7 +96,7 @@ def _indented(text: str) -> str:
 
 
 def _shown(text: str) -> str:
-    """Give an example as the page shows it: unprintable characters as codes, long lines and long texts cut."""
+    """Return an example as the page shows it: unprintable characters as codes, long lines and long texts cut."""
     visible = re.sub(r"[^\n -~]", lambda found: f"<{ord(found[0]) & 0xFF:02x}>", text.rstrip("\n"))
     lines = [line if len(line) <= 160 else f"{line[:80]} ... {line[-40:]}" for line in visible.split("\n")]
     if len(lines) > _MOST_LINES:

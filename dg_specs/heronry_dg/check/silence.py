@@ -26,6 +26,6 @@ def check_silence(subject: Subject, findings: Findings) -> None:
 
 
 def _possible(found: Feasible) -> list[str]:
-    """Give the functions that could be served with unlimited resources."""
+    """Return the functions that could be served with unlimited resources."""
     modules = found.spec.modules
     return [one.name for one in found.spec.functions.values() if any(found.can_run(modules[o]) for o in one.outputs)]

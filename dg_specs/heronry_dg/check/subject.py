@@ -50,11 +50,11 @@ class Subject:
         return self.loaded.spec
 
     def leaf_places(self, module: str, mode: str) -> tuple[Place, ...]:
-        """Give where in the file each input of a mode is written, in the order of `Mode.leaves`."""
+        """Return where in the file each input of a mode is written, in the order of `Mode.leaves`."""
         return self.loaded.gates.places[module, mode]
 
     def place(self, *path: str | int) -> Place:
-        """Give the place in the file of a key or list item, such as `place("functions", "elevator", "output")`.
+        """Return the place in the file of a key or list item, such as `place("functions", "elevator", "output")`.
 
         If the file leaves a field out, the place is that of its element.
         """

@@ -25,18 +25,18 @@ _STYLES: Final[Mapping[str, str]] = {
 
 
 def span_end(line: str, column: int) -> int:
-    """Give the column behind the quoted text, name or mark that begins at `column`; columns count from 1."""
+    """Return the column behind the quoted text, name or mark that begins at `column`; columns count from 1."""
     match = _WORD.match(line, column - 1)
     return match.end() + 1 if match else column
 
 
 def concise(files: Sequence[Assessed]) -> str:
-    """Give one line per finding: `file:line:col: CODE severity: sentence (hint)`."""
+    """Return one line per finding: `file:line:col: CODE severity: sentence (hint)`."""
     return "".join(f"{finding}\n" for assessed in files for finding in assessed.findings)
 
 
 def by_code(files: Sequence[Assessed], rules: Mapping[str, Rule], *, colour: bool = False) -> str:
-    """Give a list with the number of findings of each code, which is shown above the findings.
+    """Return a list with the number of findings of each code, which is shown above the findings.
 
     With `_FEW` findings or fewer, the result is an empty text.
     """
@@ -61,12 +61,12 @@ def full(files: Sequence[Assessed], *, colour: bool = False) -> str:
 
 
 def digests(files: Sequence[Assessed]) -> str:
-    """Give a line with the digest of each spec that could be loaded."""
+    """Return a line with the digest of each spec that could be loaded."""
     return "".join(f"{assessed.file}: digest {assessed.digest}\n" for assessed in files if assessed.digest)
 
 
 def summary(files: Sequence[Assessed]) -> str:
-    """Give the last line of a report for people: how many findings there are in how many files."""
+    """Return the last line of a report for people: how many findings there are in how many files."""
     findings = [finding for assessed in files for finding in assessed.findings]
     errors = sum(finding.severity is Severity.ERROR for finding in findings)
     counts = [(errors, "error"), (len(findings) - errors, "warning")]
@@ -108,7 +108,7 @@ def _one(assessed: Assessed, finding: Finding, paint: _Paint) -> str:
 
 
 def _excerpt(line: str, column: int) -> tuple[str, str]:
-    """Give a source line, and the line below it that has the caret; a long line is cut around the place."""
+    """Return a source line, and the line below it that has the caret; a long line is cut around the place."""
     begin = max(0, column - 1 - _WIDEST_SOURCE // 2) if len(line) > _WIDEST_SOURCE else 0
     end = min(len(line), begin + _WIDEST_SOURCE)
     cut = "..." if begin else ""

@@ -98,7 +98,7 @@ def lacks_identifiers(spec: Spec) -> bool:
 
 
 def _allocated_to(spec: Spec) -> list[tuple[str, str]]:
-    """Give as many (module, variable) pairs as need an allocated identifier, in the spec's order.
+    """Return as many (module, variable) pairs as need an allocated identifier, in the spec's order.
 
     One module that gives a variable with a standard identifier gets that identifier. The first such module in the
     spec's order is left out here; `identifiers.allocate` may choose another one, which does not change the number.

@@ -88,11 +88,11 @@ class Mode:
     ]
 
     def leaves(self) -> Iterator[tuple[str, Leaf]]:
-        """Give (path, leaf) for every input of this mode; the path is the position in `needs`, for example 0.1."""
+        """Return (path, leaf) for every input of this mode; the path is the position in `needs`, for example 0.1."""
         return leaves(self.needs)
 
     def in_phase(self, phase: str | None) -> "Mode":
-        """Give a copy of the mode for a phase: inputs that are not wired in that phase accept no version.
+        """Return a copy of the mode for a phase: inputs that are not wired in that phase accept no version.
 
         phase: name of the phase; None: every input stays as it is.
         """
@@ -151,7 +151,7 @@ class Module(Fallible):
     ] = None
 
     def in_phase(self, phase: str | None) -> "Module":
-        """Give a copy of the module for a phase: inputs that are not wired in that phase accept no version.
+        """Return a copy of the module for a phase: inputs that are not wired in that phase accept no version.
 
         phase: None: `only_in` is ignored, so every input stays as it is.
         """
@@ -204,7 +204,7 @@ class Demux:
 
     @property
     def exclusives(self) -> Mapping[str, tuple[str, ...]]:
-        """Give the branches under the name of the DEMUX, and the modules of `to`, if there are any, under `NAME.to`.
+        """Return the branches under the name of the DEMUX, and the modules of `to`, if there are any, under `NAME.to`.
 
         At most one module of each of these groups may run.
         """

@@ -112,7 +112,7 @@ class Spec(Header):
     ] = field(default=Contingency())
 
     def rivals(self) -> tuple[tuple[str, ...], ...]:
-        """Give groups of modules of which at most one may run: branches and ends of DEMUXes, drivers of one actuator.
+        """Return groups of modules of which at most one may run: branches and ends of DEMUXes, drivers of one actuator.
 
         An actuator with a single driver gives no group.
         """
@@ -120,7 +120,7 @@ class Spec(Header):
         return (*of_demuxes, *self.drivers_of_one_actuator().values())
 
     def drivers_of_one_actuator(self) -> dict[str, tuple[str, ...]]:
-        """Give the drivers of each actuator that has two or more, by name of the actuator (semantics rule 10)."""
+        """Return the drivers of each actuator that has two or more, by name of the actuator (semantics rule 10)."""
         drivers: dict[str, tuple[str, ...]] = {}
         for module in self.modules.values():
             if module.device is not None and self.devices[module.device].kind == "actuator":
@@ -128,7 +128,7 @@ class Spec(Header):
         return {device: modules for device, modules in drivers.items() if len(modules) > 1}
 
     def exclusive_things(self) -> dict[str, tuple[str, ...]]:
-        """Give the names of the groups in `Demux.exclusives` to which a module belongs, by name of the module.
+        """Return the names of the groups in `Demux.exclusives` to which a module belongs, by name of the module.
 
         At most one module of a group may run. A module that is neither a branch nor an end of a DEMUX is left out.
         """
@@ -144,7 +144,7 @@ class Spec(Header):
         return next(iter(self.phases), None)
 
     def in_phase(self, phase: str | None) -> "Spec":
-        """Give the spec as a planner sees it in a phase.
+        """Return the spec as a planner sees it in a phase.
 
         An input that `only_in` restricts to other phases accepts no version. If there is no such input, the result is
         this object itself.
@@ -159,14 +159,14 @@ class Spec(Header):
         return replace(self, modules={**self.modules, **closed}) if closed else self
 
     def producers(self, variable: str) -> Iterator[tuple[Module, Mode]]:
-        """Give every (module, mode) that gives a variable, in the spec's order."""
+        """Yield every (module, mode) that gives a variable, in the spec's order."""
         for module in self.modules.values():
             for mode in module.modes.values():
                 if variable in mode.gives:
                     yield module, mode
 
     def sources(self) -> Iterator[tuple[str, str]]:
-        """Give every (module, variable) where some mode of the module gives the variable, in the spec's order."""
+        """Yield every (module, variable) where some mode of the module gives the variable, in the spec's order."""
         for module in self.modules.values():
             given = dict.fromkeys(v for mode in module.modes.values() for v in mode.gives)
             for variable in given:

@@ -11,7 +11,7 @@ DISPLAY: Final = f"  display: {{device: lamp, needs: speed, {RUNS}}}\n"
 def pes(
     nav: str = "node_id: 92, buses: [can0]", tail: str = "node_id: 93, buses: [can0]", *, nav_ram: str = "64KiB"
 ) -> str:
-    """Give the section `pes`: the PEs `nav` and `tail`, with enough capacity for the examples.
+    """Return the section `pes`: the PEs `nav` and `tail`, with enough capacity for the examples.
 
     nav, tail: node-ID and buses of each PE, as in a spec. nav_ram: the RAM of PE `nav`.
     """

@@ -85,7 +85,7 @@ class ManagementTimes:
                 self.paths[pe.name] = (spec.manager.bus, *(bus for bus in shortest if bus != spec.manager.bus))
 
     def on(self, bus: str, burst: Burst) -> FrameTimes | None:
-        """Give the longest response times on `bus` when the frames of `burst` are added to the regular frames.
+        """Return the longest response times on `bus` when the frames of `burst` are added to the regular frames.
 
         None: the response times have no bound.
 
@@ -139,7 +139,7 @@ class ManagementTimes:
         return [*commands, *reports, *states, *once(burst.answers * len(senders))], len(commands), burst.reports
 
     def _states(self, bus: Bus, pe: str) -> tuple[Message, Message]:
-        """Give page 0 and page 1 of a PE as periodic messages on this bus.
+        """Return page 0 and page 1 of a PE as periodic messages on this bus.
 
         If a gateway forwards the pages to this bus, both have a jitter of one heartbeat period of the PE.
         """

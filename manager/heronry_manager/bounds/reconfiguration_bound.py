@@ -136,7 +136,7 @@ class Bounds:
         self._wired = reached_by_wire(spec)
 
     def bound(self, case: Case, decide_ns: int) -> Bound:
-        """Give the bound for one case, if the manager takes `decide_ns` nanoseconds to get a plan."""
+        """Return the bound for one case, if the manager takes `decide_ns` nanoseconds to get a plan."""
         reached = survivors(self._spec, case.now).pe_cpu_millis.keys() & self._paths.keys()
         if not reached:
             return Bound(
@@ -204,7 +204,7 @@ class Bounds:
         return {bus: found for bus, found in times.items() if found is not None}
 
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
-        """Give the frames that may be on the buses while the slices of a case go out.
+        """Return the frames that may be on the buses while the slices of a case go out.
 
         If several PEs are lost or return, three epochs may cause frames in this time: the running epoch, an abandoned
         epoch, and the new epoch.
@@ -229,7 +229,7 @@ class Bounds:
         )
 
     def _activating(self, burst: Burst) -> Burst:
-        """Give the frames on the buses during a step of activation: one more broadcast and answer than `burst`.
+        """Return the frames on the buses during a step of activation: one more broadcast and answer than `burst`.
 
         Of the slices, only those for PEs beyond a radio count, since these PEs may still be receiving slices.
 
@@ -243,7 +243,7 @@ class Bounds:
         return replace(burst, heads=0, paced=stragglers, broadcasts=burst.broadcasts + 1, answers=burst.answers + 1)
 
     def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
-        """Give the number of SLICE frames for one PE: one head, and as many bodies as its slice needs.
+        """Return the number of SLICE frames for one PE: one head, and as many bodies as its slice needs.
 
         - If several PEs are lost or return together, the PE may need its slice in `before` or that in `after`;
           the longer one counts.
@@ -269,7 +269,7 @@ class Bounds:
         return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
 
     def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
-        """Give the longest T_lease (ns) of the silent PEs that ran a branch or an end of one of these DEMUXes.
+        """Return the longest T_lease (ns) of the silent PEs that ran a branch or an end of one of these DEMUXes.
 
         A silent PE may still drive the DEMUX for this time. 0: no silent PE ran such a module.
         """
@@ -278,11 +278,11 @@ class Bounds:
         return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)
 
     def _up(self, pe: str, times: _Times) -> int:
-        """Give the longest time from a state of a PE until the manager reads it, in nanoseconds."""
+        """Return the longest time from a state of a PE until the manager reads it, in nanoseconds."""
         return GATHER_NS + sum(times[bus].answer_ns for bus in self._paths[pe])
 
     def _round_trip(self, pes: Iterable[str], times: _Times) -> int:
-        """Give the longest time from a command until the last of these PEs has answered, in nanoseconds."""
+        """Return the longest time from a command until the last of these PEs has answered, in nanoseconds."""
         ways_ns = [sum(times[bus].command_ns + times[bus].answer_ns for bus in self._paths[pe]) for pe in pes]
         return GATHER_NS + max(ways_ns) if ways_ns else 0
 

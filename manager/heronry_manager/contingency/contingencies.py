@@ -56,7 +56,7 @@ class Contingencies:
     phases: tuple[PhasePlans, ...]  # as in the scope
 
     def configuration(self, number: int) -> Configuration:
-        """Give the configuration that has this number, 1 or above."""
+        """Return the configuration that has this number, 1 or above."""
         return self.configurations[number - 1]
 
     def entries(self) -> Iterator[tuple[Phase, FaultSet, Made]]:

@@ -59,7 +59,7 @@ class ContingencyTable:
         return found if running is None or running == self._running[phase] else None
 
     def plan(self, down: FaultSet, phase: Phase, running: Placement | None) -> Plan | None:
-        """Give what `find` gives, as a whole plan with its report; None: `find` gives None."""
+        """Return what `find` gives, as a whole plan with its report; None: `find` gives None."""
         found = self.find(down, phase, running)
         if found is None:
             return None
@@ -72,7 +72,7 @@ class ContingencyTable:
         return known
 
     def safe_mode(self, now: Situation, running: Placement | None) -> Plan | None:
-        """Give the safe mode of the present phase as a plan; None: it is not legal in the situation `now`."""
+        """Return the safe mode of the present phase as a plan; None: it is not legal in the situation `now`."""
         table = next((table for table in self._contingencies.phases if table.phase == now.phase), None)
         if table is None:
             return None
@@ -89,7 +89,7 @@ class ContingencyTable:
 
 
 def _implied(spec: Spec, element: str) -> frozenset[str]:
-    """Give the elements that count as down while `element` is down; no two elements imply each other."""
+    """Return the elements that count as down while `element` is down; no two elements imply each other."""
     left = survivors(spec, Situation(frozenset({element})))
     hosts = {module.name: left.hosts(module) for module in spec.modules.values()}
     homeless = (f"module:{name}" for name, pes in hosts.items() if not pes)

@@ -75,7 +75,7 @@ class Knowledge:
             self.authenticity.forget()
 
     def _digest_of(self, epoch: int) -> int | None:
-        """Give the digest of an epoch of this manager, or of a manager that it followed.
+        """Return the digest of an epoch of this manager, or of a manager that it followed.
 
         None: the digest is not known.
         """
@@ -83,7 +83,7 @@ class Knowledge:
         return self.following.digest_of(epoch) if known is None else known
 
     def unknown_epoch(self) -> int | None:
-        """Give the running epoch if this manager does not know its configuration; else None."""
+        """Return the running epoch if this manager does not know its configuration; else None."""
         return self.deployment.unknown_epoch(self.following.leased_epoch())
 
     def validate(self) -> None:

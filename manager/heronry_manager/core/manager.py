@@ -217,7 +217,7 @@ class ManagerCore:
         return self._turn.end()
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time (ns) at which the driver must call `step` with Tick at the latest; None: no call is needed."""
+        """Return the time (ns) by which the driver must call `step` with Tick; None: no call is needed."""
         state, due_ns = self._claim.state, self._inbound.next_ns
         if state is Mastership.RETIRED:
             return None
@@ -290,7 +290,7 @@ class ManagerCore:
         return Reply(number, outcome.done, outcome.sentence, is_unusable=outcome.is_unusable)
 
     def _status_for_operator(self) -> dict[str, Any]:
-        """Give the status; also read from the PEs how often they stood still, for the next status."""
+        """Return the status; also read from the PEs how often they stood still, for the next status."""
         for pe in self._settings.spec.pes:
             if self._health.is_available(pe):
                 self._details.look_at_standstills(pe, Look.SHOW)
@@ -330,7 +330,7 @@ class ManagerCore:
             self._turn.emit(events.JournalFailed, problem=problem)
 
     def status(self) -> dict[str, Any]:
-        """Give what the manager knows as plain data, in the form that the module `manager_status` describes."""
+        """Return what the manager knows as plain data, in the form that the module `manager_status` describes."""
         key, known, numbers = self._settings.key, self._known, self._settings.on_board
         manager = {
             "node": self._settings.node,

@@ -161,7 +161,7 @@ class Memory:
     priority_requests: Mapping[tuple[str, str], PriorityRequest] = field(default_factory=dict)  # by PE and function
 
     def after(self, record: Record) -> "Memory":
-        """Give a new memory: this one with the change that the record describes."""
+        """Return a new memory: this one with the change that the record describes."""
         match record:
             case TermBegun() | Reserved():
                 return self._with_number(record)
@@ -197,7 +197,7 @@ class Memory:
                 return replace(self, priority_requests={**self.priority_requests, (pe, function): record})
 
     def records(self) -> list[Record]:
-        """Give the fewest records that make this memory out of an empty one."""
+        """Return the fewest records that make this memory out of an empty one."""
         records: list[Record] = [TermBegun(self.term)] if self.term else []
         records += [Reserved(kind, last) for kind, last in self.reserved.items()]
         records += [self.runs] if self.runs is not None else []
@@ -209,7 +209,7 @@ class Memory:
         return records + [Quarantined(pe, losses) for pe, losses in self.quarantined.items()]
 
     def numbers(self) -> "Memory":
-        """Give what is still valid if the spec has changed: the numbers that must not be used again."""
+        """Return what is still valid if the spec has changed: the numbers that must not be used again."""
         return Memory(self.term, self.reserved)
 
 

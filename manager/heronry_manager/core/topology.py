@@ -5,7 +5,7 @@ from heronry_dg.situation import Situation, survivors
 
 
 def uplink_bus(spec: Spec, pe: str) -> str:
-    """Give the bus on which a PE reports: the manager's bus, or else the first bus on the way to the manager's bus.
+    """Return the bus on which a PE reports: the manager's bus, or else the first bus on the way to the manager's bus.
 
     A PE without a route to the manager's bus reports on its first bus, and the manager never hears it.
     """
@@ -21,7 +21,7 @@ def uplink_bus(spec: Spec, pe: str) -> str:
 
 
 def command_period_ns(spec: Spec, pe: str) -> int:
-    """Give the period in ns with which LEASE and ALIVE reach a PE: the longest heartbeat period on their route.
+    """Return the period in ns with which LEASE and ALIVE reach a PE: the longest heartbeat period on their route.
 
     For a PE without a route from the manager, the heartbeat period of its own bus.
     """
@@ -34,6 +34,6 @@ def command_period_ns(spec: Spec, pe: str) -> int:
 
 
 def reached_by_wire(spec: Spec) -> frozenset[str]:
-    """Give the PEs that the manager can reach without crossing a radio."""
+    """Return the PEs that the manager can reach without crossing a radio."""
     radios = frozenset(f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless")
     return frozenset(survivors(spec, Situation(radios)).pe_cpu_millis)

@@ -27,7 +27,7 @@ class TransitionTable(Generic[State, Event]):
         self._after = {(before, event): after for before, event, after, _ in self.rows}
 
     def after(self, state: State, event: Event) -> State:
-        """Give the state that an event leads to; raises InvariantError if the event cannot happen in this state."""
+        """Return the state that an event leads to; raises InvariantError if the event cannot happen in this state."""
         found = self._after.get((state, event))
         if found is None:
             raise InvariantError(f"event {event.name} cannot happen in state {state.name}")

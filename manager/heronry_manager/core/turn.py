@@ -24,7 +24,7 @@ class Encodable(Protocol):
     """A message of `heronry_wire.management` that can be sent as a frame."""
 
     def encode(self) -> bytes:
-        """Give the payload of the frame."""
+        """Return the payload of the frame."""
 
 
 class Turn:

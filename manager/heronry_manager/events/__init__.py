@@ -230,7 +230,7 @@ SUBJECTS: tuple[ModuleType, ...] = (managers, pes, situation, epochs, demo, feed
 
 
 def kinds_of(subject: ModuleType) -> list[type[Event]]:
-    """Give the kinds of events that a file declares, in its order."""
+    """Return the kinds of events that a file declares, in its order."""
     own = (one for one in vars(subject).values() if isinstance(one, type) and one.__module__ == subject.__name__)
     return [one for one in own if issubclass(one, Event)]
 

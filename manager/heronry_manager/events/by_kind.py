@@ -10,5 +10,5 @@ _T = TypeVar("_T")
 
 
 def on(kind: type[_E], do: Callable[[_E], _T]) -> tuple[type[Event], Callable[[Any], _T]]:
-    """Give an entry of a table: a kind, and a function that only gets events of this kind."""
+    """Return an entry of a table: a kind, and a function that only gets events of this kind."""
     return kind, do

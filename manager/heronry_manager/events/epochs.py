@@ -18,7 +18,7 @@ class Times:
     activate: int | None
 
     def by_name(self) -> dict[str, int | None]:
-        """Give the parts by their names, in order of time."""
+        """Return the parts by their names, in order of time."""
         parts = {"detect": self.detect, "decide": self.decide, "distribute": self.distribute}
         return parts | {"activate": self.activate}
 

@@ -28,7 +28,7 @@ class Event:
 
     @property
     def kind(self) -> str:
-        """Give the kind of this event, as its line names it."""
+        """Return the kind of this event, as its line names it."""
         return self.KIND
 
 
@@ -41,5 +41,5 @@ class UnknownEvent(Event):
 
     @property
     def kind(self) -> str:
-        """Give the kind of this event, as its line names it."""
+        """Return the kind of this event, as its line names it."""
         return self.name

@@ -16,7 +16,7 @@ def to_line(event: Event) -> str:
 
 
 def to_object(event: Event) -> dict[str, Any]:
-    """Give the JSON object of an event as plain data."""
+    """Return the JSON object of an event as plain data."""
     return {key: plain(value) for key, value in _object(event).items()}
 
 
@@ -39,7 +39,7 @@ def _object(event: Event) -> dict[str, Any]:
 
 @cache
 def _names(kind: str) -> tuple[tuple[str, ...], tuple[tuple[str, object], ...]]:
-    """Give the fields that every line of a kind has, and those that a line has unless they have their default."""
+    """Return the fields that every line of a kind has, and those that a line has unless they have their default."""
     own = [one for one in fields(KINDS[kind]) if one.name != "t_ns"]
     always = tuple(one.name for one in own if one.default is MISSING)
     return always, tuple((one.name, one.default) for one in own if one.default is not MISSING)

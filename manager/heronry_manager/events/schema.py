@@ -37,7 +37,7 @@ def schema_text() -> str:
 
 
 def _of_line(kind: type[Event], made: Mapping[str, Any]) -> dict[str, Any]:
-    """Give the schema of a kind's lines, from that of its data class: with version and kind, and with the notes."""
+    """Return the schema of a kind's lines, from that of its data class: with version and kind, and with the notes."""
     own = {one.name: {**made["properties"][one.name]} for one in fields(kind)}
     for name, note in notes(kind).items():
         own[name]["description"] = note
@@ -52,6 +52,6 @@ def _of_line(kind: type[Event], made: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def notes(kind: type) -> dict[str, str]:
-    """Give the notes on the fields of a data class, by name, where there is one."""
+    """Return the notes on the fields of a data class, by name, where there is one."""
     hints = get_type_hints(kind, include_extras=True)
     return {name: hint.__metadata__[0] for name, hint in hints.items() if hasattr(hint, "__metadata__")}

@@ -43,11 +43,11 @@ class Candidate:
     hosts: Mapping[str, tuple[str, ...]]  # possible mode -> PEs, both in the spec's order
 
     def modes(self) -> Iterator[Mode]:
-        """Give the possible modes, best first."""
+        """Return the possible modes, best first."""
         return (self.module.modes[name] for name in self.hosts)
 
     def pes(self) -> tuple[str, ...]:
-        """Give the PEs that could carry the module in at least one of its possible modes."""
+        """Return the PEs that could carry the module in at least one of its possible modes."""
         return tuple(dict.fromkeys(pe for hosts in self.hosts.values() for pe in hosts))
 
 

@@ -49,7 +49,7 @@ class Choosing(Choice):
         self._worth = self._aim(group, key)
 
     def bound(self) -> int | None:
-        """Give an upper bound of the sum into which the levels of the constructor's `group` are merged.
+        """Return an upper bound of the sum into which the levels of the constructor's `group` are merged.
 
         From then on, choices whose sum is below this bound are ruled out.
 

@@ -242,7 +242,7 @@ class PlannerClient:
 
 
 def _digest(data: bytes, name: str) -> str | None:
-    """Give the digest of a spec in a file; None if it is no spec any more."""
+    """Return the digest of a spec in a file; None if it is no spec any more."""
     try:
         return load_bytes(data, name).digest
     except SpecError:

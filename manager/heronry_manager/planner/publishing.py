@@ -178,7 +178,7 @@ class Publishing:
 
 
 def _sides(left: Survivors, bus: str) -> list[Side]:
-    """Give the sides of a bus: the sets of PEs that are up and reach one another by routes without this bus."""
+    """Return the sides of a bus: the sets of PEs that are up and reach one another by routes without this bus."""
     sides: dict[Side, None] = {}
     for pe in left.pe_cpu_millis:
         sides[frozenset(other for other in left.pe_cpu_millis if bus not in (left.route(pe, other) or ()))] = None

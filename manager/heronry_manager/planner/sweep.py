@@ -55,7 +55,7 @@ class Scope:
             yield from self.of_size(size)
 
     def sizes(self) -> range:
-        """Give the possible sizes of a fault set: from 0 to `faults`, at most the number of elements."""
+        """Return the possible sizes of a fault set: from 0 to `faults`, at most the number of elements."""
         return range(min(self.faults, len(self.elements)) + 1)
 
     def of_size(self, size: int) -> Iterator[FaultSet]:
@@ -63,7 +63,7 @@ class Scope:
         return map(frozenset, combinations(self.elements, size))
 
     def set_count(self) -> int:
-        """Give the number of fault sets in one phase, the empty set included."""
+        """Return the number of fault sets in one phase, the empty set included."""
         return sum(comb(len(self.elements), size) for size in self.sizes())
 
 
@@ -104,7 +104,7 @@ class Tally:
     by_twin: int = 0
 
     def pruned_share(self) -> float:
-        """Give the share of the questions that needed no search, from 0 to 1; 0 if there was no question."""
+        """Return the share of the questions that needed no search, from 0 to 1; 0 if there was no question."""
         total = self.searched + self.by_plan + self.by_twin
         return (self.by_plan + self.by_twin) / total if total else 0.0
 
@@ -150,7 +150,7 @@ class Sweep:
         return found
 
     def running(self, phase: Phase) -> Placement | None:
-        """Give the placement of the plan for a phase without faults; None: this plan is not known yet."""
+        """Return the placement of the plan for a phase without faults; None: this plan is not known yet."""
         healthy = self.outcomes.get((phase, frozenset()))
         return None if healthy is None else placement(healthy.configuration)
 
@@ -184,7 +184,7 @@ class Sweep:
         return questions, twins
 
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
-        """Give the first fault set that leaves the planner the same choice as `down`; that may be `down` itself.
+        """Return the first fault set that leaves the planner the same choice as `down`; that may be `down` itself.
 
         rest: the value of `what_is_left` for `down`. Fault sets with an equal `rest` leave the same choice. Only if no
         earlier set has an equal `rest`, the choices themselves are compared (`choice_of`), which takes longer.
@@ -196,7 +196,7 @@ class Sweep:
         return twin
 
     def _inherited(self, phase: Phase, down: FaultSet, lost: frozenset[str]) -> Outcome | None:
-        """Give a plan for `down` without one of its faults, if that plan uses no element of `lost`.
+        """Return a plan for `down` without one of its faults, if that plan uses no element of `lost`.
 
         The faults are left out in the order of their names; the first such plan is given. None: there is none.
         """
@@ -219,7 +219,7 @@ def places_in_use(spec: Spec, configuration: Configuration) -> list[str]:
 
 
 def what_is_left(left: Survivors) -> object:
-    """Give all that plans can use after faults, as one value that can be compared.
+    """Return all that plans can use after faults, as one value that can be compared.
 
     If two fault sets leave equal values, they have the same best plan in a phase.
     """
@@ -232,7 +232,7 @@ def what_is_left(left: Survivors) -> object:
 
 
 def choice_of(possible: Candidates) -> object:
-    """Give the choice that a fault set leaves, as one value: which modes may run on which PEs, and the routes.
+    """Return the choice that a fault set leaves, as one value: which modes may run on which PEs, and the routes.
 
     If no radio is limited, fault sets with equal values have the same best plan in a phase. PEs on which nothing may
     run, and routes to them, are left out, since no legal configuration uses them.

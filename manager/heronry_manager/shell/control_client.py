@@ -78,7 +78,7 @@ def follow(path: Path) -> socket.socket:
 
 
 def find_socket(name: str | None) -> Path:
-    """Give the socket of the manager with this name; without a name, the socket of the only running manager.
+    """Return the socket of the manager with this name; without a name, the socket of the only running manager.
 
     Raises ControlError if managers run but none of them has this name, or if, without a name, not exactly one runs.
     """

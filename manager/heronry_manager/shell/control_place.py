@@ -23,7 +23,7 @@ class ControlError(HeronryError):
 
 
 def default_socket(spec_name: str) -> Path:
-    """Give the path of the socket for the manager of this spec."""
+    """Return the path of the socket for the manager of this spec."""
     return runtime_folder() / f"{spec_name}.sock"
 
 
@@ -50,13 +50,13 @@ def found_sockets() -> list[Path]:
 
 
 def checked_length(path: Path) -> Path:
-    """Give `path` back if it fits into a socket address; raises ControlError if it is too long."""
+    """Return `path` back if it fits into a socket address; raises ControlError if it is too long."""
     if len(os.fsencode(path)) > _LONGEST_PATH_BYTES:
         raise ControlError(f"{path} is longer than {_LONGEST_PATH_BYTES} bytes: name a shorter path with --socket")
     return path
 
 
 def user_beyond(connection: socket.socket) -> int:
-    """Give the user-ID of the process at the other end of a connection, as the kernel knows it."""
+    """Return the user-ID of the process at the other end of a connection, as the kernel knows it."""
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     return int(_CREDENTIALS.unpack(credentials)[1])

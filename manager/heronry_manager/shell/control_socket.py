@@ -76,7 +76,7 @@ class ControlSocket:
         self.close()
 
     def readers(self) -> list[socket.socket]:
-        """Give the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
+        """Return the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
         heard = [one for one, lines in self._callers.items() if b"\n" not in lines]
         return [self._listener, *heard, *self.followers.readers()]
 
@@ -180,7 +180,7 @@ class ControlSocket:
         return True
 
     def _next(self) -> socket.socket | None:
-        """Give the caller whose line is to be taken next: of those with a complete line, the one served longest ago."""
+        """Return the caller whose line is taken next: of those with a complete line, the one served longest ago."""
         waiting = set(self._awaiting_answer.values())
         return next((one for one, lines in self._callers.items() if b"\n" in lines and one not in waiting), None)
 

@@ -192,7 +192,7 @@ class ManagerDriver:
         )
 
     def _beside(self, plan: Plan | None) -> dict[str, Any]:
-        """Give the keys of the status that the core does not know; `plan`: the one that runs."""
+        """Return the keys of the status that the core does not know; `plan`: the one that runs."""
         journal = None if self._journal is None else str(self._journal.file.absolute())
         return {"files": {"spec": self._file, "journal": journal}, **self._plants.status(plan)}
 
@@ -219,7 +219,7 @@ class ManagerDriver:
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
 
     def _core_due_ns(self) -> int | None:
-        """Give the core's deadline on this computer's clock, in ns.
+        """Return the core's deadline on this computer's clock, in ns.
 
         None if the core has no deadline, or while its clock stands still.
         """
@@ -240,7 +240,7 @@ class ManagerDriver:
             self._step(stood_still)
 
     def _now_ns(self) -> int:
-        """Give the time on the core's clock, in nanoseconds."""
+        """Return the time on the core's clock, in nanoseconds."""
         return time.monotonic_ns() - self._stood_still_ns if self._frozen_ns is None else self._frozen_ns
 
     def _look_at_link(self) -> None:

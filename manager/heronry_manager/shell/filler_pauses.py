@@ -38,5 +38,5 @@ class FillerPauses:
         return self.holds
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time (ns) at which to look again at the latest; None: there is no pause."""
+        """Return the time (ns) at which to look again at the latest; None: there is no pause."""
         return self._until_ns if self.holds else None

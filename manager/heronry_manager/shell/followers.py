@@ -61,11 +61,11 @@ class Followers:
         return True
 
     def readers(self) -> list[socket.socket]:
-        """Give the sockets of all readers; a socket becomes readable when its reader closes the connection."""
+        """Return the sockets of all readers; a socket becomes readable when its reader closes the connection."""
         return list(self._of)
 
     def writers(self) -> list[socket.socket]:
-        """Give the sockets for which lines wait; such a socket becomes writable when its reader reads earlier lines."""
+        """Return the sockets for which lines wait; each becomes writable when its reader reads earlier lines."""
         return [one for one, follower in self._of.items() if follower.waiting]
 
     def heard(self, caller: socket.socket) -> None:

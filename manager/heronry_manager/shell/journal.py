@@ -73,7 +73,7 @@ def written(number: int, content: list[str | int]) -> bytes:
 
 
 def whole_journal(spec: Spec, memory: Memory) -> bytes:
-    """Give the shortest journal that holds this memory."""
+    """Return the shortest journal that holds this memory."""
     contents = [_head(spec), *map(as_json, memory.records())]
     return b"".join(written(number, content) for number, content in enumerate(contents))
 
@@ -118,7 +118,7 @@ def _head(spec: Spec) -> list[str | int]:
 
 
 def _format_of(data: bytes) -> int:
-    """Give the number of the format of a journal; 0: its head cannot be read."""
+    """Return the number of the format of a journal; 0: its head cannot be read."""
     for number, content in _whole_lines(data):
         match number, content:
             case 0, ["journal", int(found), *_]:

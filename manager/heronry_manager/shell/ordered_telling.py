@@ -40,5 +40,5 @@ class OrderedTelling:
             self._tell(self._held.pop(0))
 
     def due_ns(self) -> int | None:
-        """Give the time (ns) at which the earliest held event is HELD_NS old; None: no event is held."""
+        """Return the time (ns) at which the earliest held event is HELD_NS old; None: no event is held."""
         return min(one.t_ns for one in self._held) + HELD_NS if self._held else None

@@ -72,7 +72,7 @@ class PlannerLink(Protocol):
         """Stop the process, so that it takes no processor time, or let it go on where it was."""
 
     def fileno(self) -> int:
-        """Give the descriptor that is readable when `poll` has something to do."""
+        """Return the descriptor that is readable when `poll` has something to do."""
 
 
 class PlannerProcesses:
@@ -105,7 +105,7 @@ class PlannerProcesses:
         self._held_since_ns: int | None = None  # begin of the pause of the fillers
 
     def readers(self) -> list[PlannerLink]:
-        """Give the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
+        """Return the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
         return [one for one in (self._planner, self._pre_planner) if one is not None]
 
     def hold(self, is_held: bool, now_ns: int) -> None:
@@ -228,7 +228,7 @@ class PlannerProcesses:
 
 
 def _answers(planner: PlannerLink | None, until_ns: dict[int, int], *, may_hang: bool) -> list[Planned | Failed]:
-    """Give the answers that have arrived from a process; there are none if `planner` is None.
+    """Return the answers that have arrived from a process; there are none if `planner` is None.
 
     If a request has exceeded its budget, the process is replaced, and all its unanswered requests have failed.
 

@@ -20,7 +20,7 @@ class Plants:
         self._spec = spec
 
     def after(self, told: events.Event, plan: Plan | None) -> events.ControlPaths | None:
-        """Give the event on plants that follows the core's event `told`; None if none follows.
+        """Return the event on plants that follows the core's event `told`; None if none follows.
 
         plan: the plan that runs now; None: no plan is known to run.
         """
@@ -30,7 +30,7 @@ class Plants:
         return events.ControlPaths(told.t_ns, told.epoch, states)
 
     def status(self, plan: Plan | None) -> dict[str, Any]:
-        """Give the part of the status about plants: the state of each control path, and why it is not closed.
+        """Return the part of the status about plants: the state of each control path, and why it is not closed.
 
         It has the key "plants", and under it the plants by name. It is empty if the spec has no plants, or if
         `plan` is None.

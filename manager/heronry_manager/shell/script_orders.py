@@ -27,7 +27,7 @@ class ScriptSaid:
     order: FlyScript
 
     def target(self, spec: Spec, core: ManagerCore) -> OperatorSaid:
-        """Give the order for the core, in which the configuration that the script makes replaces the script.
+        """Return the order for the core, in which the configuration that the script makes replaces the script.
 
         If the script cannot be applied, the order gives the reason instead.
         """

@@ -57,7 +57,7 @@ class Haste:
 
 
 def needed_states(table: PeTable) -> Thinned:
-    """Give what a PE needs of its neighbours' states: what is new, and a sign of life now and then.
+    """Return what a PE needs of its neighbours' states: what is new, and a sign of life now and then.
 
     LEASE is such a sign. Without a manager the signs are far more frequent than once in T_lease.
     """

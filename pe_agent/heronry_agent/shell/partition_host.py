@@ -94,7 +94,7 @@ class PartitionHost:
         self._warm_ns = NEVER_NS
 
     def watch(self, now_ns: int) -> tuple[list[PartitionProcess | PartitionLog], int]:
-        """Give what `select` is to wait for: the partitions and the pipes to which they print.
+        """Return what `select` is to wait for: the partitions and the pipes to which they print.
 
         Also gives the time in ns at which to call `take`, if `select` reports nothing before.
         """

@@ -178,7 +178,7 @@ class PartitionProcess:
         return first.module, self.spent_ns(first.module, first.release, now_ns)
 
     def spent_ns(self, module: int, release: int, now_ns: int) -> int:
-        """Give the time in ns that a step of a module has spent so far; 0 if this step is not being computed now."""
+        """Return the time in ns that a step of a module has spent so far; 0 if this step is not being computed now."""
         if (
             self.loading
             or not self._pending

@@ -24,7 +24,7 @@ class WatchedInputs(Inputs):
         self._read, self._needed = read, needed
 
     def __getitem__(self, variable: str) -> Datum:
-        """Give the datum of a variable, as `Inputs` does."""
+        """Return the datum of a variable, as `Inputs` does."""
         self._read.add(variable)
         return super().__getitem__(variable)
 

@@ -103,7 +103,7 @@ def _taking_part(coming: list[Release], now: int, watched: int, waiting: Sequenc
 
 
 def critical_instant(streams: Sequence[Stream], priority: int, blocker: int, until: int) -> int:
-    """Give a stream's longest response when all come at once, behind a frame of `blocker` that has just started."""
+    """Return a stream's longest response when all come at once, behind a frame of `blocker` that has just started."""
     instant = 1  # the frame below started just before
     releases = []
     for above in range(priority + 1):
@@ -117,7 +117,7 @@ def critical_instant(streams: Sequence[Stream], priority: int, blocker: int, unt
 
 
 def any_phasing(streams: Sequence[Stream], blocker: int, random: Random) -> list[int]:
-    """Give each stream's longest response with drawn offsets and lateness, above a node that always has a frame."""
+    """Return each stream's longest response with drawn offsets and lateness, above a node that always has a frame."""
     horizon = min(_MOST_INSTANCES * min(s.period for s in streams), 4 * max(s.period for s in streams))
     releases = []
     for priority, (_, period, jitter) in enumerate(streams):

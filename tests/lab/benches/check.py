@@ -19,7 +19,7 @@ _MILLION = 1_000_000
 
 
 def chain(modules: int) -> str:
-    """Give a valid spec: chains of ten modules, from a sensor to an output, with optional inputs on the way."""
+    """Return a valid spec: chains of ten modules, from a sensor to an output, with optional inputs on the way."""
     starts = range(0, modules, 10)
     body = "cpu: 0.001, ram: 1KiB, rate_hz: 10"
     lines = ["dg: 1", "buses: {can0: {bitrate: 1000000}}"]
@@ -37,7 +37,7 @@ def chain(modules: int) -> str:
 
 
 def files() -> dict[str, bytes]:
-    """Give the files to check, by name."""
+    """Return the files to check, by name."""
     laughs = "".join(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]\n" for i in range(1, 10))
     return {
         "two modules": SOUND.encode(),

@@ -72,7 +72,7 @@ class Reboot:
 
 
 def data_plane_off(spec: Spec) -> Spec:
-    """Give the same aircraft with modules of one step in a thousand seconds."""
+    """Return the same aircraft with modules of one step in a thousand seconds."""
     modules = {}
     for module in spec.modules.values():
         modes = {mode.name: replace(mode, rate_mhz=_ONE_STEP_IN_1000_S) for mode in module.modes.values()}

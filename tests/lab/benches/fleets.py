@@ -22,7 +22,7 @@ class Aircraft:
 
     @property
     def main(self) -> BusChoice:
-        """Give the manager's bus."""
+        """Return the manager's bus."""
         return self.buses[self.spec.manager.bus]
 
     def start_pes(self) -> dict[str, int]:

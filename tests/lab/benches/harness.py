@@ -87,7 +87,7 @@ class Report:
         return 0 if self.is_as_required else 1
 
     def document(self) -> dict[str, Any]:
-        """Give everything that was reported, as `--json` prints it."""
+        """Return everything that was reported, as `--json` prints it."""
         return {**self._document, "sections": self._sections, "as_required": self.is_as_required}
 
     def _section(self) -> dict[str, Any]:

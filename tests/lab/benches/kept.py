@@ -19,7 +19,7 @@ _OUTPUT = {"--json": 0, "--keep": 1, "--against": 1}  # options that change no f
 
 
 def commit() -> str:
-    """Give the commit of this checkout, with a `+` where files differ from it; `unknown` outside of a repository."""
+    """Return the commit of this checkout, with a `+` where files differ from it; `unknown` outside of a repository."""
     try:
         return subprocess.run(
             ["git", "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+"],
@@ -33,7 +33,7 @@ def commit() -> str:
 
 
 def measured_words(words: Sequence[str]) -> list[str]:
-    """Give the words of a command line without the options that only say where the figures go."""
+    """Return the words of a command line without the options that only say where the figures go."""
     left, rest = [], iter(words)
     for word in rest:
         name, equals, _ = word.partition("=")
@@ -55,7 +55,7 @@ def keep(file: Path, document: Document) -> None:
 
 
 def last_like(file: Path, document: Document) -> Document:
-    """Give the last run in a file of the same benchmark with the same options; raises UserError if there is none."""
+    """Return the last run in a file of the same benchmark with the same options; raises UserError if there is none."""
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
         runs = [json.loads(line) for line in lines if line.strip()]

@@ -68,7 +68,7 @@ def measure(arguments: Namespace, report: Report) -> None:
 
 
 def times_of(spec_name: str, scripts: int) -> tuple[dict[str, list[float]], int]:
-    """Give the times in milliseconds, by name, one per script; and how many more scripts were disturbed.
+    """Return the times in milliseconds, by name, one per script; and how many more scripts were disturbed.
 
     Raises UserError if most scripts are disturbed.
     """
@@ -129,13 +129,13 @@ def _is_calm(status: Mapping[str, Any]) -> bool:
 
 
 def script_of(spec: Spec, running: Plan) -> tuple[str, str]:
-    """Give the first module that can move to another PE, and the script that moves it."""
+    """Return the first module that can move to another PE, and the script that moves it."""
     name, there = moved(spec, running.now, running.configuration)
     return name, difference(module_graph(spec, running.configuration), module_graph(spec, there))
 
 
 def moved(spec: Spec, now: Situation, running: Configuration) -> tuple[str, Configuration]:
-    """Give the first module that may run on another PE while all else stays, and the configuration with it there."""
+    """Return the first module that may run on another PE while all else stays, and the configuration with it there."""
     for name, one in running.modules.items():
         for pe in hosts_when_all_is_up(spec, spec.modules[name]):
             there = Configuration({**running.modules, name: replace(one, pe=pe)})

@@ -38,7 +38,7 @@ _BITRATE = 1_000_000
 
 
 def spec_text(pes: int, heartbeat_ms: int) -> str:
-    """Give the text of a spec with one module and one function for each PE."""
+    """Return the text of a spec with one module and one function for each PE."""
     lines = ["dg: 1", "name: many_pes"]
     lines += [f"buses: {{can0: {{bitrate: {_BITRATE}, heartbeat_ms: {heartbeat_ms}}}}}", "pes:"]
     first = PE_NODES[0]
@@ -93,7 +93,7 @@ def _started(pes: int, heartbeat_ms: int, longest_s: float) -> _Start:
 
 
 def _used_s(fleet: Fleet) -> dict[str, float]:
-    """Give the processor time of the manager, its planners, the bus, and of an agent with its partition (the mean)."""
+    """Return the processor time of manager, planners, bus, and of an agent with its partition (the mean)."""
     pids = fleet.processes()
     agents = [pid for name, pid in pids.items() if name.startswith("pe:")]
     manager = next(pid for name, pid in pids.items() if name.startswith("manager"))

@@ -160,7 +160,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def _spec(count: int, period_ms: int) -> str:
-    """Give a spec with PEs and one module that never runs, since a spec must have one."""
+    """Return a spec with PEs and one module that never runs, since a spec must have one."""
     pes = "\n".join(
         f"  pe_{n}: {{node_id: {PE_NODES[0] + n}, buses: [can0], cpu: 1, ram: 1MiB, flash: 1MiB}}" for n in range(count)
     )

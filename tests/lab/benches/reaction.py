@@ -100,7 +100,7 @@ class Drives(Module):
 
 
 def aircraft(heartbeat_ms: int, reserve: float) -> str:
-    """Give the text of the spec."""
+    """Return the text of the spec."""
     lines = ["dg: 1", f"name: reaction_{heartbeat_ms}_ms"]
     lines += [f"buses: {{can0: {{bitrate: 1000000, heartbeat_ms: {heartbeat_ms}, reserve: {reserve}}}}}", "pes:"]
     lines += [f"  pe_{i}: {{node_id: {92 + i}, buses: [can0], cpu: 1, ram: 1MiB, flash: 1MiB}}" for i in range(PES)]
@@ -128,7 +128,7 @@ def aircraft(heartbeat_ms: int, reserve: float) -> str:
 
 
 def _homes(first: int) -> str:
-    """Give the PEs on which a module may run: one and the next."""
+    """Return the PEs on which a module may run: one and the next."""
     return f"runs_on: [pe_{first % PES}, pe_{(first + 1) % PES}]"
 
 

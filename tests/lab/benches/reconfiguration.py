@@ -50,7 +50,7 @@ def measure(arguments: Namespace, report: Report) -> None:
 
 
 def times_of(spec_name: str, kills: int, source: Source, stuck_readers: int = 0) -> dict[int, dict[str, list[float]]]:
-    """Give the times in milliseconds, by name, one per kill; by the number of readers that never read.
+    """Return the times in milliseconds, by name, one per kill; by the number of readers that never read.
 
     Every PE dies once in a fleet's life, since its hold-down doubles with each loss.
     """

@@ -35,7 +35,7 @@ _PLANNERS = "planners"
 
 
 def wake_ups(pid: int) -> int:
-    """Give the voluntary context switches of all threads of a process."""
+    """Return the voluntary context switches of all threads of a process."""
     found = 0
     for task in Path(f"/proc/{pid}/task").iterdir():
         with suppress(OSError):  # the thread has ended
@@ -45,7 +45,7 @@ def wake_ups(pid: int) -> int:
 
 
 def processes_by_kind(fleet: Fleet) -> dict[str, list[int]]:
-    """Give the process numbers of an aircraft that flies, by the kinds of this benchmark."""
+    """Return the process numbers of an aircraft that flies, by the kinds of this benchmark."""
     found: dict[str, list[int]] = {kind: [] for kind in _KINDS}
     for name, pid in fleet.processes().items():
         if name.startswith("pe:"):
@@ -111,12 +111,12 @@ def _gathered(events: EventStream, seconds: float) -> "Counter[str]":
 
 
 def _sample(pids: dict[str, list[int]]) -> dict[str, tuple[float, int]]:
-    """Give the processor time (s) and the wake-ups of each kind so far."""
+    """Return the processor time (s) and the wake-ups of each kind so far."""
     return {kind: (sum(map(cpu_s, own)), sum(map(wake_ups, own))) for kind, own in pids.items()}
 
 
 def _frames(buses: list[SoftBus], flown: Aircraft) -> int:
-    """Give how many frames the hubs have handed to the agents so far."""
+    """Return how many frames the hubs have handed to the agents so far."""
     agents = {pid for name, pid in flown.fleet.processes().items() if name.startswith("pe:")}
     return sum(client.received for bus in buses for client in bus.statistics().clients if client.pid in agents)
 

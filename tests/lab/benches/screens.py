@@ -168,7 +168,7 @@ def _web(flight: _Flight) -> Iterator[tuple[str, int]]:
 
 
 def _event_to_screen(spec_name: str, browser: Browser, count: int) -> list[float]:
-    """Give the time from each event until it is drawn, in ms."""
+    """Return the time from each event until it is drawn, in ms."""
     with _flight(spec_name) as flight, _web(flight) as (address, _):
         page = _new_page(browser)
         page.goto(f"{address}#/events")
@@ -189,7 +189,7 @@ def _event_to_screen(spec_name: str, browser: Browser, count: int) -> list[float
 
 
 def _offset_ns(page: Page) -> int:
-    """Give CLOCK_MONOTONIC at the moment 0 of the page's clock."""
+    """Return CLOCK_MONOTONIC at the moment 0 of the page's clock."""
     best = (sys.maxsize, 0)
     for _ in range(20):
         before_ns = time.monotonic_ns()
@@ -328,7 +328,7 @@ def _watched(flight: _Flight, pages: list[Page], web: int, top: _Top, arguments:
 
 
 def heap_bytes(page: Page) -> int:
-    """Give the heap of a page after a forced collection."""
+    """Return the heap of a page after a forced collection."""
     session = page.context.new_cdp_session(page)
     session.send("HeapProfiler.enable")
     session.send("HeapProfiler.collectGarbage")

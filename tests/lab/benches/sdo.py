@@ -50,7 +50,7 @@ def measure(arguments: Namespace, report: Report) -> None:
 
 
 def _bare(path: str, runs: int) -> list[float]:
-    """Give bytes per second of one sender that sends as fast as the bus accepts its frames, one figure per run."""
+    """Return bytes per second of one sender that sends as fast as the bus accepts its frames, one figure per run."""
     message = can.Message(arbitration_id=sdo_request_id(92), data=bytes(range(1, 9)), is_extended_id=False)
     with can.Bus(interface="softbus", channel=path) as bus:
 
@@ -94,7 +94,7 @@ def _transfer(path: str, node: int, runs: int, agent: int, report: Report) -> No
 
 
 def _rate(fault: Callable[[], int]) -> float:
-    """Give bytes per second of a transfer, which returns the number of its bytes."""
+    """Return bytes per second of a transfer, which returns the number of its bytes."""
     began_s = time.monotonic()
     return fault() / (time.monotonic() - began_s)
 

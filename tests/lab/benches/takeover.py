@@ -83,7 +83,7 @@ class _Heard:
                 self.commanded_ns = t_ns
 
     def gone(self, end_ns: int, loading_ms: float = 0.0) -> _Gone:
-        """Give the figures of this death, once a manager commands again."""
+        """Return the figures of this death, once a manager commands again."""
         assert self.killed_ns is not None
         assert self.commanded_ns is not None
         silent = {
@@ -158,7 +158,7 @@ class _Death:
         self._listen(_AFTER_S)
 
     def gone(self) -> _Gone:
-        """Give the figures of this death."""
+        """Return the figures of this death."""
         return self._heard.gone(time.monotonic_ns(), self._loading_ms)
 
     def _note(self, told: Event) -> None:

@@ -48,7 +48,7 @@ _FILES = (
 
 
 def _tests_of(file: ModuleType) -> Iterator[ConformanceTest]:
-    """Give every public function of a file, in the order of the file."""
+    """Yield every public function of a file, in the order of the file."""
     for name, found in vars(file).items():
         if isfunction(found) and found.__module__ == file.__name__ and not name.startswith("_"):
             yield found

@@ -45,7 +45,7 @@ def _silence(manager: ManagerUnderTest, *pes: str) -> int:
 
 
 def _gone_ns(manager: ManagerUnderTest, pe: str, since_ns: int) -> int:
-    """Give the time of the first ALIVE that leaves the PE out."""
+    """Return the time of the first ALIVE that leaves the PE out."""
     node = manager.pes[pe].node
     return next((t_ns for t_ns, alive in manager.said(Alive, since_ns) if node not in alive.nodes), -1)
 

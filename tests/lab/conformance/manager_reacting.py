@@ -41,7 +41,7 @@ _DEVICE, _MODULE, _PHASE = ElementKind.DEVICE, ElementKind.MODULE, ElementKind.P
 
 
 def _told(manager: ManagerUnderTest, since_ns: int, *operations: Operation) -> list[tuple[int, int, int, int]]:
-    """Give the manager's CONTROLs of some kinds: node, operation, a and b."""
+    """Return the manager's CONTROLs of some kinds: node, operation, a and b."""
     return [
         (one.node, one.operation, one.a, one.b) for one in manager.acknowledged(since_ns) if one.operation in operations
     ]
@@ -72,7 +72,7 @@ def a_fault_is_latched_and_acknowledged() -> None:
 
 
 def _planned(manager: ManagerUnderTest) -> Placement:
-    """Give the plan that answers the manager's last request: module -> (mode, PE)."""
+    """Return the plan that answers the manager's last request: module -> (mode, PE)."""
     asked = manager.plan_requests()[-1]
     return placement(best_plan(manager.spec, asked.now, asked.running).configuration)
 

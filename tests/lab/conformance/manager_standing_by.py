@@ -541,7 +541,7 @@ def _keyed() -> tuple[ManagerUnderTest, dict[str, _KeyedPe]]:
 
 
 def _provers(manager: ManagerUnderTest) -> dict[str, _KeyedPe]:
-    """Give the PEs of the manager the key."""
+    """Return the PEs of the manager the key."""
     provers = {name: _KeyedPe(manager, pe) for name, pe in manager.pes.items()}
     plain = manager.main.hears
 

@@ -340,7 +340,7 @@ def slices_bring_a_source_to_every_reader_once() -> None:
 
 
 def _slices(spec: Spec) -> dict[str, Slice]:
-    """Give the slice of each PE where nothing is down."""
+    """Return the slice of each PE where nothing is down."""
     compiler = Compiler(spec)
     bodies = compiler.configuration(best_plan(spec, Situation(), None).configuration).slices
     found = {}

@@ -60,7 +60,7 @@ _STATES = {Step.BREAK: PeState.BROKEN, Step.GO: PeState.ACTIVE, Step.GO_ALL: PeS
 
 
 def example(name: str) -> Spec:
-    """Give a shipped spec, or an example."""
+    """Return a shipped spec, or an example."""
     is_example = name not in ("big_blue", "elevator_and_chute")
     return loader.load(spec_path(f"dg_specs/examples/{name}.dg.yaml" if is_example else name))
 
@@ -97,7 +97,7 @@ class PlayedPe:
             self.sequence = (self.sequence + 1) % 256
 
     def page_0(self) -> StatePage0:
-        """Give the page 0 that this PE sends now."""
+        """Return the page 0 that this PE sends now."""
         flags = PeFlags.HEARS_LEASE if self.hears else PeFlags(0)
         return StatePage0(self.state, flags, self.incarnation, self.epoch, self.sequence, self.digest)
 
@@ -303,26 +303,26 @@ class ManagerUnderTest(UnderTest):
     # What it sends
 
     def said(self, kind: type[ManagementMessage], since_ns: int = -1) -> list[tuple[int, Any]]:
-        """Give the manager's commands of a kind, with their times, in nanoseconds."""
+        """Return the manager's commands of a kind, with their times, in nanoseconds."""
         return [(t_ns, message) for t_ns, message in self.hears if isinstance(message, kind) and t_ns > since_ns]
 
     def told(self, kind: type[_E], since_ns: int = -1) -> list[_E]:
-        """Give the manager's events of a kind."""
+        """Return the manager's events of a kind."""
         return [one for one in self.events if isinstance(one, kind) and one.t_ns > since_ns]
 
     def has_available(self) -> set[str]:
-        """Give the PEs that the manager's last ALIVE names."""
+        """Return the PEs that the manager's last ALIVE names."""
         nodes = self.said(Alive)[-1][1].nodes
         return {pe.name for pe in self.pes.values() if pe.node in nodes}
 
     def lease(self) -> Lease:
-        """Give the manager's last LEASE."""
+        """Return the manager's last LEASE."""
         lease = self.said(Lease)[-1][1]
         assert isinstance(lease, Lease)
         return lease
 
     def plan_requests(self, since: int = 0) -> list[RequestPlan]:
-        """Give the requests to the manager's planner."""
+        """Return the requests to the manager's planner."""
         return self.manager.plan_requests[since:]
 
     def accept(self, order: Order) -> Reply:
@@ -332,7 +332,7 @@ class ManagerUnderTest(UnderTest):
         return reply
 
     def heard(self, since_ns: int, *commands: Command) -> list[Heard]:
-        """Give the manager's command frames, with their times, in nanoseconds."""
+        """Return the manager's command frames, with their times, in nanoseconds."""
         return self.main.since(since_ns, [management_id(self.node, command) for command in commands])
 
     # What others send
@@ -343,7 +343,7 @@ class ManagerUnderTest(UnderTest):
         self.main.say(Frame(emcy_id(self.pes[pe].node), said.encode()))
 
     def acknowledged(self, since_ns: int) -> list[Control]:
-        """Give the manager's CONTROLs."""
+        """Return the manager's CONTROLs."""
         return [message for _, message in self.said(Control, since_ns)]
 
     def until(self, holds: Callable[[], bool], within_ms: float, what: str) -> int:
@@ -356,7 +356,7 @@ class ManagerUnderTest(UnderTest):
 
 
 def remembering(spec: Spec, memory: Memory = NOTHING) -> Disk:
-    """Give a disk on which a manager finds this memory."""
+    """Return a disk on which a manager finds this memory."""
     disk = Disk(spec)
     for record in memory.records():
         disk.write(record, 0)

@@ -549,7 +549,7 @@ def a_request_ends_with_its_partition() -> None:
 
 
 def _requests(pe: PeUnderTest, since_ns: int) -> set[tuple[int, int]]:
-    """Give phase and number of each request of the PE."""
+    """Return phase and number of each request of the PE."""
     told = (said for _, said in pe.emergencies(since_ns) if said.code is FaultCode.PHASE_REQUEST)
     return {(said.index, said.detail) for said in told}
 

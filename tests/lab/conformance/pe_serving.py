@@ -44,7 +44,7 @@ class Client:
         self.pe.run(_ENOUGH_MS)
 
     def answers(self, since_ns: int) -> list[bytes]:
-        """Give the answers since a moment."""
+        """Return the answers since a moment."""
         return [one.frame.data for one in self.pe.main.since(since_ns, [sdo_response_id(NODE)])]
 
     def writes_table(self, text: bytes) -> str | None:

@@ -33,7 +33,7 @@ _QUIET_NS = PERIOD_NS // 2  # without a frame of the body, before INCOMPLETE
 
 
 def _ready() -> PeUnderTest:
-    """Give a PE that hears a manager, in the quiet part of its period."""
+    """Return a PE that hears a manager, in the quiet part of its period."""
     pe = PeUnderTest().attended()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
     return pe

@@ -425,7 +425,7 @@ def a_step_before_the_last_ends_no_doubt() -> None:
 
 
 def _back_under_another(after_ms: float) -> PeUnderTest:
-    """Give a PE that has heard no node for so long, and then a new active manager that has the PE available."""
+    """Return a PE that has heard no node for so long, and then a new active manager that has the PE available."""
     pe = _attended().flies()
     pe.run_into_next_period(5)
     pe.lease = pe.alive = pe.neighbour = None

@@ -159,7 +159,7 @@ NOTHING = Slice()
 
 
 def with_plans_on_board(table: PeTable, *plans: tuple[Slice, int]) -> PeTable:
-    """Give a table that has these slices on board, from number 1 on, with the digests of their configurations."""
+    """Return a table that has these slices on board, from number 1 on, with the digests of their configurations."""
     block = write_block([Preloaded(part.encode(), digest) for part, digest in plans])
     return replace(table, contingencies=b64encode(block).decode())
 
@@ -174,7 +174,7 @@ class PuppetPlant(Plant):
         self.takes = True
 
     def read(self, device: str, now_ns: int) -> Value | None:  # noqa: ARG002
-        """Give the reading of a device, as the test has set it."""
+        """Return the reading of a device, as the test has set it."""
         return self.readings.get(device)
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:  # noqa: ARG002
@@ -286,7 +286,7 @@ class PeUnderTest(UnderTest):
         self.main.command(*self.slice_frames(epoch, part)[: None if body else 1], manager=self.manager)
 
     def slice_frames(self, epoch: int, part: Slice | bytes) -> list[SliceHead | SliceBody]:
-        """Give head and body of a slice as frames."""
+        """Return head and body of a slice as frames."""
         return slice_messages(NODE, epoch, part, self.table.identity)
 
     def activate(self, epoch: int, step: Step, digest: int) -> None:
@@ -319,36 +319,36 @@ class PeUnderTest(UnderTest):
     # What the PE sends
 
     def pages(self, since_ns: int, player: Player | None = None) -> list[tuple[int, object]]:
-        """Give every page of the PE's state, with its time."""
+        """Return every page of the PE's state, with its time."""
         heard = (player or self.main).since(since_ns, [state_id(NODE)])
         return [(t_ns, decode_state(frame.data)) for t_ns, frame in heard]
 
     def pages_0(self, since_ns: int, player: Player | None = None) -> list[tuple[int, StatePage0]]:
-        """Give the PE's pages 0."""
+        """Return the PE's pages 0."""
         return [(t_ns, page) for t_ns, page in self.pages(since_ns, player) if isinstance(page, StatePage0)]
 
     def pages_1(self, since_ns: int, player: Player | None = None) -> list[tuple[int, StatePage1]]:
-        """Give the PE's pages 1."""
+        """Return the PE's pages 1."""
         return [(t_ns, page) for t_ns, page in self.pages(since_ns, player) if isinstance(page, StatePage1)]
 
     def pages_2(self, since_ns: int) -> list[tuple[int, StatePage2]]:
-        """Give the PE's pages 2."""
+        """Return the PE's pages 2."""
         return [(t_ns, page) for t_ns, page in self.pages(since_ns) if isinstance(page, StatePage2)]
 
     def pages_3(self, since_ns: int) -> list[tuple[int, StatePage3]]:
-        """Give the PE's pages 3."""
+        """Return the PE's pages 3."""
         return [(t_ns, page) for t_ns, page in self.pages(since_ns) if isinstance(page, StatePage3)]
 
     def page_0(self) -> StatePage0:
-        """Give the last page 0 that the PE has sent."""
+        """Return the last page 0 that the PE has sent."""
         return self.pages_0(-1)[-1][1]
 
     def page_1(self) -> StatePage1:
-        """Give the last page 1 that the PE has sent."""
+        """Return the last page 1 that the PE has sent."""
         return self.pages_1(-1)[-1][1]
 
     def data(self, identifier: int, since_ns: int, player: Player | None = None) -> list[tuple[int, Datum]]:
-        """Give the data frames under an identifier."""
+        """Return the data frames under an identifier."""
         found = []
         for t_ns, frame in (player or self.main).since(since_ns, [identifier]):
             datum = decode_data(frame)
@@ -357,15 +357,15 @@ class PeUnderTest(UnderTest):
         return found
 
     def echoes(self, since_ns: int) -> list[tuple[int, Datum]]:
-        """Give the PE's output echoes."""
+        """Return the PE's output echoes."""
         return self.data(actuator_echo_id(NODE), since_ns)
 
     def emergencies(self, since_ns: int) -> list[tuple[int, Emergency]]:
-        """Give every EMCY of the PE, but those of silences (`stale`): most puppets give nothing."""
+        """Return every EMCY of the PE, but those of silences (`stale`): most puppets give nothing."""
         return [(t_ns, said) for t_ns, said in self._emcys(since_ns) if said.code is not FaultCode.STALE]
 
     def stale(self, since_ns: int) -> list[tuple[int, int, Silence]]:
-        """Give the time, the index of the module, and what is silent, of each report of a silence."""
+        """Return the time, the index of the module, and what is silent, of each report of a silence."""
         stale = [(t_ns, said) for t_ns, said in self._emcys(since_ns) if said.code is FaultCode.STALE]
         return [(t_ns, said.index, Silence.of(said.detail)) for t_ns, said in stale]
 
@@ -387,12 +387,12 @@ class PeUnderTest(UnderTest):
         return int.from_bytes(data[4 : 8 - (data[0] >> 2 & 3)], "little")
 
     def notes(self, kind: str) -> list[str]:
-        """Give the texts of the PE's notes of a kind."""
+        """Return the texts of the PE's notes of a kind."""
         return [text for one, text in self.pe.notes if one == kind]
 
     @property
     def counted(self) -> int:
-        """Give the number of malformed and refused frames, as the PE's object dictionary has it."""
+        """Return the number of malformed and refused frames, as the PE's object dictionary has it."""
         return self.object(COUNTERS, 1)
 
     # Demands
@@ -409,18 +409,18 @@ class PeUnderTest(UnderTest):
 
 
 def datum(identifier: int, value: float, *, node: int = NEIGHBOUR, version: int = 1, code: int = 0) -> Frame:
-    """Give a FLOAT datum of another node."""
+    """Return a FLOAT datum of another node."""
     status = pack_status(Status(version, Validity.VALID))
     return encode_data(identifier, Datum(node, DataType.FLOAT, status, code, value))
 
 
 def gaps(times: Sequence[int]) -> list[int]:
-    """Give the differences between successive times."""
+    """Return the differences between successive times."""
     return [later - earlier for earlier, later in pairwise(times)]
 
 
 def moments(heard: Sequence[tuple[int, object]]) -> list[int]:
-    """Give the times of frames."""
+    """Return the times of frames."""
     return [one[0] for one in heard]
 
 

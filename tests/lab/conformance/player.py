@@ -63,7 +63,7 @@ class Player:
             self.say(frame, *([] if tag is None else [tag]))
 
     def since(self, t_ns: int, identifiers: Iterable[int]) -> list[Heard]:
-        """Give the frames of the node under test under some identifiers after a moment."""
+        """Return the frames of the node under test under some identifiers after a moment."""
         wanted = set(identifiers)
         return [one for one in self.heard if one.t_ns > t_ns and one.frame.can_id in wanted]
 
@@ -84,7 +84,7 @@ class UnderTest:
 
     @property
     def now_ns(self) -> int:
-        """Give the virtual time, in ns."""
+        """Return the virtual time, in ns."""
         return self.clock.now_ns
 
     def run(self, ms: float) -> int:

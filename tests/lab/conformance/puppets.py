@@ -93,7 +93,7 @@ def writing(value: Value) -> Behaviour:
 
 
 def giving(**outputs: Value) -> Behaviour:
-    """Give the same values in every step."""
+    """Return the same values in every step."""
     return lambda _ctx, _inputs: outputs
 
 

@@ -51,7 +51,7 @@ _COMMAND = "generated: python -m lab.documents PAGE"
 
 
 def filled(page: str) -> str:
-    """Give the page with its tables and diagrams from the present code; raises KeyError for an unknown name."""
+    """Return the page with its tables and diagrams from the present code; raises KeyError for an unknown name."""
     return _PLACE.sub(_written, page)
 
 

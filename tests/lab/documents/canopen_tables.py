@@ -7,7 +7,7 @@ from lab.documents.markdown import table
 
 
 def objects() -> str:
-    """Give every object, and every sub-index that differs from the others of its object."""
+    """Return every object, and every sub-index that differs from the others of its object."""
     rows = [row for entry in OBJECTS for row in _rows(entry)]
     return table(["index", "sub-index", "name", "type", "access", "value", "meaning"], rows)
 

@@ -16,37 +16,37 @@ _RECORDS = (Times, Waited, Place)
 
 
 def of_managers() -> str:
-    """Give the events of a manager about itself."""
+    """Return the events of a manager about itself."""
     return _table(kinds_of(managers))
 
 
 def of_pes() -> str:
-    """Give the events about PEs."""
+    """Return the events about PEs."""
     return _table(kinds_of(pes))
 
 
 def of_the_situation() -> str:
-    """Give the events about the situation."""
+    """Return the events about the situation."""
     return _table(kinds_of(situation))
 
 
 def of_epochs() -> str:
-    """Give the events about plans and epochs."""
+    """Return the events about plans and epochs."""
     return _table(kinds_of(epochs))
 
 
 def of_the_demo() -> str:
-    """Give the events of the demo."""
+    """Return the events of the demo."""
     return _table(kinds_of(demo))
 
 
 def of_feeds() -> str:
-    """Give the events that a feed has in addition."""
+    """Return the events that a feed has in addition."""
     return _table(kinds_of(feeds))
 
 
 def records() -> str:
-    """Give the records that stand in fields of events."""
+    """Return the records that stand in fields of events."""
     rows = ([code(one.__name__), _fields(one), _meaning(one)] for one in _RECORDS)
     return table(["record", "fields", "what it tells"], rows)
 

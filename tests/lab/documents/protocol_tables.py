@@ -52,7 +52,7 @@ _MOST_BYTES = 8
 
 
 def identifiers() -> str:
-    """Give every 11-bit identifier, in runs of one meaning."""
+    """Return every 11-bit identifier, in runs of one meaning."""
     runs = groupby(range(STANDARD_MASK + 1), key=lambda can_id: _kind(can_id, classify(can_id)))
     rows = []
     for (use, manager, base), run in runs:
@@ -74,7 +74,7 @@ def _span(first: int, last: int, form: str = "d") -> str:
 
 
 def data_types() -> str:
-    """Give every data type, the length of its payload, and that of its longest frame."""
+    """Return every data type, the length of its payload, and that of its longest frame."""
     rows = []
     for size, members in groupby(sorted(DataType, key=lambda t: (t.payload_bytes, t)), key=lambda t: t.payload_bytes):
         names = ", ".join(f"{code(member.name)} {member.value}" for member in members)
@@ -83,7 +83,7 @@ def data_types() -> str:
 
 
 def messages() -> str:
-    """Give every command of a manager, and its identifiers."""
+    """Return every command of a manager, and its identifiers."""
     rows = []
     for command, layouts in _LAYOUTS.items():
         lengths = " or ".join(dict.fromkeys(f"{layout.length}" for layout in layouts))
@@ -93,13 +93,13 @@ def messages() -> str:
 
 
 def fields() -> str:
-    """Give every field of every message, in the order of transmission."""
+    """Return every field of every message, in the order of transmission."""
     rows = [row for layout in _every_layout() for row in _fields(layout)]
     return table(["message", "bytes", "field", "bits", "values"], rows)
 
 
 def room() -> str:
-    """Give how much of each place by which the protocol may grow is used, and how much is free."""
+    """Return how much of each place by which the protocol may grow is used, and how much is free."""
     own = [entry.index for entry in canopen_objects.OBJECTS if entry.index in _OWN_OBJECTS]
     first, last = f"{_OWN_OBJECTS[0]:X}h", f"{_OWN_OBJECTS[-1]:X}h"
     codes = sum(fault >= _OWN_CODES[0] for fault in management.FaultCode)
@@ -134,7 +134,7 @@ def room() -> str:
 
 
 def _labelled(layout: Layout, name: str) -> tuple[int, int]:
-    """Give how many values of a field have a meaning, and how many the field can hold."""
+    """Return how many values of a field have a meaning, and how many the field can hold."""
     (field,) = (field for field in layout.fields if field.name == name)
     return len(field.labels or {}), 1 << field.bits
 
@@ -161,7 +161,7 @@ def _fields(layout: Layout) -> Iterator[list[str]]:
 
 
 def times() -> str:
-    """Give every time and number of the protocol that a spec does not set."""
+    """Return every time and number of the protocol that a spec does not set."""
     periods = "heartbeat periods"
     rows = [
         (

@@ -36,7 +36,7 @@ _MODES: Final = [
 
 
 def keys() -> str:
-    """Give one table per section of a spec, and per element inside an element: every key with its default, an example
+    """Return one table per section of a spec, and per element inside an element: every key with its default, an example
     and its meaning.
     """
     return "\n\n".join(part for section, (what, kind) in _KINDS.items() for part in _tables(section, what, kind))
@@ -58,7 +58,7 @@ def _tables(section: str, what: str, kind: type) -> Iterator[str]:
 
 
 def limits() -> str:
-    """Give the limits of a spec and of its numbers."""
+    """Return the limits of a spec and of its numbers."""
     rows = [
         ("file", f"{yaml_source.MOST_BYTES} bytes"),
         ("values in the file", f"{yaml_source.MOST_NODES}"),

@@ -86,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def corpus(folder: Path, target: Target) -> list[bytes]:
-    """Give the first inputs of a target: its seeds, and the files that are kept for it."""
+    """Return the first inputs of a target: its seeds, and the files that are kept for it."""
     return [*target.seeds(), *(file.read_bytes() for file in sorted((folder / target.name).glob("*")))]
 
 

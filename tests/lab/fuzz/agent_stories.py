@@ -139,7 +139,7 @@ class _Pe(SteppedCore[Event, Action]):
         self.hear(*self._managers[term].frames(*self._messages(story, term)), port=self.table.uplink)
 
     def _messages(self, story: Story, term: int) -> list[ManagementMessage]:
-        """Give a command that a manager might send; most digests belong to epochs, and most slices are whole."""
+        """Return a command that a manager might send; most digests belong to epochs, and most slices are whole."""
         epoch, node = story.number(4), self.table.node_id
         digest, step = 1000 + epoch, Step(story.number(4))
         match story.number(8):
@@ -189,7 +189,7 @@ class _Pe(SteppedCore[Event, Action]):
 
 @cache
 def _prepared(name: str, pe: str) -> tuple[PeTable, list[bytes]]:
-    """Give the table of a PE of a shipped spec, and its slices of some configurations."""
+    """Return the table of a PE of a shipped spec, and its slices of some configurations."""
     spec = load(shipped_spec_path(name))
     compiler, phase = Compiler(spec), spec.initial_phase()
     table = compiler.table(pe)
@@ -235,11 +235,11 @@ class _Shelf:
         self.values = {0x2000: b"\1\2\3\4", 0x2001: b"a text", 0x2002: bytes(300)}
 
     def read(self, index: int, sub_index: int) -> bytes | Abort:
-        """Give the value of an object, or the abort code."""
+        """Return the value of an object, or the abort code."""
         return Abort.NO_SUB_INDEX if sub_index else self.values.get(index, Abort.NO_OBJECT)
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Give the largest number of bytes that may be written, or the abort code."""
+        """Return the largest number of bytes that may be written, or the abort code."""
         found = self.read(index, sub_index)
         if isinstance(found, Abort):
             return found
@@ -266,7 +266,7 @@ def _sdo(data: bytes) -> None:
 
 
 def _whole_flight() -> list[bytes]:
-    """Give a story in which a slice is staged and activated, modules answer, and time passes."""
+    """Return a story in which a slice is staged and activated, modules answer, and time passes."""
     prepared = bytes((2, 0, 1, 0, 3, 1, 0))  # term, epoch, step, what: PREPARE, head and all bodies of slice 1
     activated = bytes((2, 0, 1, 3, 5))
     lease = bytes((2, 0, 1, 3, 0))
@@ -282,12 +282,12 @@ _FETCHES = ("a4022000200a0000", "a300000000000000", "a20a200000000000", "a100000
 
 
 def _transfers() -> list[bytes]:
-    """Give requests of whole transfers, each with a pause after it: by segment and by block, both ways."""
+    """Return requests of whole transfers, each with a pause after it: by segment and by block, both ways."""
     return [b"".join(bytes.fromhex(text) + b"\0\1" for text in one) for one in (_READS, _WRITES, _BLOCK, _FETCHES)]
 
 
 def _table_is_given() -> list[bytes]:
-    """Give a story in which a manager sends, unlocks the node, and a client begins to write and to read a table."""
+    """Return a story in which a manager sends, unlocks the node, and a client begins to write and to read a table."""
     unlocks = bytes((1, 4))
     begins = [bytes((2, *bytes.fromhex(text))) for text in ("2120200009000000", "c620200009000000", "4020200000000000")]
     return [unlocks * 3 + begin + bytes((3, 0)) + bytes(7) for begin in begins]

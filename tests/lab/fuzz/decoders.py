@@ -93,13 +93,13 @@ _START_NS, _BEATS = 1_000_000_000, 20
 
 @cache
 def spec() -> Spec:
-    """Give the spec of all targets: a small shipped one."""
+    """Return the spec of all targets: a small shipped one."""
     return load(shipped_spec_path("elevator_and_chute"))
 
 
 @cache
 def table() -> PeTable:
-    """Give the table of the spec's first PE."""
+    """Return the table of the spec's first PE."""
     return Compiler(spec()).table(next(iter(spec().pes)))
 
 

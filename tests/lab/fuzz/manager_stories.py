@@ -71,7 +71,7 @@ _PLANS: dict[tuple[object, ...], Plan] = {}
 
 
 def _plan(spec: Spec, request: RequestPlan) -> Plan:
-    """Give the plan of a manager without a solver; each different request is planned once."""
+    """Return the plan of a manager without a solver; each different request is planned once."""
     question = (spec.digest, request.now, None if request.running is None else frozenset(request.running.items()))
     if question not in _PLANS:
         _PLANS[question] = immediate_plan(spec, request.now, request.running)
@@ -221,7 +221,7 @@ def _manager(name: str, key: Key | None, standby: bool, data: bytes) -> None:
 
 
 def _mastership(pes: int) -> list[bytes]:
-    """Give a story in which all PEs are heard, a plan is made and deployed, and a PE falls silent."""
+    """Return a story in which all PEs are heard, a plan is made and deployed, and a PE falls silent."""
     every = range(pes)
     listens, beat = bytes((0, 0, 0x20, 0)), bytes((0, 0, 4, 0))
     asks = b"".join(bytes((pe, 13, 0, 7)) for pe in every)
@@ -236,7 +236,7 @@ def _mastership(pes: int) -> list[bytes]:
 
 
 def _rival(pes: int) -> list[bytes]:
-    """Give a story in which another manager is active, and falls silent."""
+    """Return a story in which another manager is active, and falls silent."""
     listens = bytes((0, 0, 1, 0))
     speaks = b"".join(bytes((pe, 12, 1, 0, 0)) for pe in range(pes))
     receive_failed = b"".join(bytes((pe, 2, 7, 0, 0, 0)) for pe in range(pes))

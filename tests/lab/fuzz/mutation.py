@@ -15,7 +15,7 @@ _TEXTS = (b"0", b"-1", b'"', b"{", b"[", b"null", b"1e999", b"9" * 30, b"\n", b"
 
 
 def inputs(seeds: Sequence[bytes], random: Random) -> Iterator[bytes]:
-    """Give the seeds, and then changed inputs without end."""
+    """Yield the seeds, and then changed inputs without end."""
     yield from seeds
     while True:
         data = bytearray(random.choice(seeds))

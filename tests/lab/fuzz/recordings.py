@@ -94,7 +94,7 @@ def flight() -> Recording:
 
 
 def _event_lines() -> Iterator[bytes]:
-    """Give the events of that flight in pieces, and the two kinds that carry a document."""
+    """Yield the events of that flight in pieces, and the two kinds that carry a document."""
     told = flight().events
     for begin in range(0, len(told), _MOST_EVENTS_IN_A_SEED):
         yield b"".join(to_line(one).encode() + b"\n" for one in told[begin : begin + _MOST_EVENTS_IN_A_SEED])
@@ -114,7 +114,7 @@ def _documents() -> Iterator[Event]:
 
 
 def _log_lines() -> Iterator[bytes]:
-    """Give the beginning of that flight."""
+    """Yield the beginning of that flight."""
     frames = flight().frames
     yield b"".join(format_log_line(one).encode() + b"\n" for one in frames[:90])
     yield b"".join(format_log_line(one).encode() + b"\n" for one in frames[-90:])

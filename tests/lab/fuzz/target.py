@@ -28,11 +28,11 @@ class Story:
         return self._at < len(self._data)
 
     def number(self, below: int) -> int:
-        """Give a number below this bound, from as few bytes as can hold it."""
+        """Return a number below this bound, from as few bytes as can hold it."""
         length = max(1, ((below - 1).bit_length() + 7) // 8)
         return int.from_bytes(self.bytes(length).ljust(length, b"\0"), "big") % below
 
     def bytes(self, length: int) -> bytes:
-        """Give `length` bytes, or the rest."""
+        """Return `length` bytes, or the rest."""
         self._at += length
         return self._data[self._at - length : self._at]

@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def all_mutants(checkout: Path) -> list[Mutant]:
-    """Give every mutant of the cores; a few do not compile."""
+    """Return every mutant of the cores; a few do not compile."""
     return [mutant for file in core_files(checkout) for mutant in mutants_of(file, (checkout / file).read_bytes())]
 
 

@@ -28,7 +28,7 @@ SHELL = (  # of the wire: the files that use sockets, interfaces and files, or a
 
 
 def core_files(checkout: Path = Path()) -> Iterator[Path]:
-    """Give the files of the cores, relative to the checkout."""
+    """Yield the files of the cores, relative to the checkout."""
     for core in CORES:
         files = sorted((checkout / core).rglob("*.py"))
         yield from (file.relative_to(checkout) for file in files if file.stem not in DESCRIBING)
@@ -36,7 +36,7 @@ def core_files(checkout: Path = Path()) -> Iterator[Path]:
 
 
 def codec_files() -> Iterator[Path]:
-    """Give the files of the codec, relative to the checkout."""
+    """Return the files of the codec, relative to the checkout."""
     return (WIRE / f"{name}.py" for name in CODEC.split())
 
 

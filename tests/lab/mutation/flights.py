@@ -67,7 +67,7 @@ class Specs:
         self.load(checkout / spec_path(name))
 
     def load(self, path: str | Path) -> Spec:
-        """Give the spec that was read from this path."""
+        """Return the spec that was read from this path."""
         file = Path(path).resolve()
         if file not in self._known:
             self._known[file] = self._read(file)
@@ -79,7 +79,7 @@ class Specs:
 
 
 def flights(checkout: Path) -> list[Flight]:
-    """Give every flight that a mutant has to pass."""
+    """Return every flight that a mutant has to pass."""
     from lab.conformance.conformance_tests import CONFORMANCE_TESTS  # noqa: PLC0415 - flight code: see head
 
     conformance_tests = (Flight("conformance", Path(name)) for name in CONFORMANCE_TESTS)

@@ -67,17 +67,17 @@ class Mutant:
         return not self.function or any(line in lines for line in range(self.first_line, self.last_line + 1))
 
     def applied_to(self, source: bytes) -> bytes:
-        """Give the file with the defect."""
+        """Return the file with the defect."""
         return source[: self.start] + self.text.encode() + source[self.end :]
 
     def describe(self, source: bytes) -> str:
-        """Give one line: the place, the text before and after."""
+        """Return one line: the place, the text before and after."""
         before = " ".join(source[self.start : self.end].decode().split())
         return f"{self.file}:{self.line}: {self.kind}: {before or 'nothing'} -> {self.text}"
 
 
 def mutants_of(file: PurePath, source: bytes) -> list[Mutant]:
-    """Give every mutant of a file, in the order of the text; a few do not compile."""
+    """Return every mutant of a file, in the order of the text; a few do not compile."""
     return sorted(set(_Finder(file, source).all()))
 
 
@@ -198,7 +198,7 @@ class _Finder:
 
 
 def _at(node: ast.AST, around: _Place) -> _Place:
-    """Give the place of a node: its own statement, or the one around it."""
+    """Return the place of a node: its own statement, or the one around it."""
     body = getattr(node, "body", None)
     match node:
         case ast.match_case(pattern):
@@ -211,7 +211,7 @@ def _at(node: ast.AST, around: _Place) -> _Place:
 
 
 def _within(node: ast.AST, place: _Place) -> _Place:
-    """Give the place of the statements in the body of a node."""
+    """Return the place of the statements in the body of a node."""
     match node:
         case ast.ClassDef(name):
             return replace(place, class_name=f"{name}.")
@@ -223,7 +223,7 @@ def _within(node: ast.AST, place: _Place) -> _Place:
 
 
 def _ends(body: list[ast.stmt]) -> Iterator[ast.stmt]:
-    """Give the statements with which a function may end."""
+    """Yield the statements with which a function may end."""
     last = body[-1]
     yield last
     if isinstance(last, ast.If):

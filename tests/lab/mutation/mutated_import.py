@@ -18,7 +18,7 @@ OURS = ("heronry_wire", "heronry_dg", "heronry_agent", "heronry_manager", "heron
 
 
 def dependents(name: str, imports: Mapping[str, set[str]]) -> set[str]:
-    """Give the modules that import this one, directly or not, and itself."""
+    """Return the modules that import this one, directly or not, and itself."""
     found, new = {name}, {name}
     while new:
         new = {module for module, imported in imports.items() if imported & new} - found
@@ -27,7 +27,7 @@ def dependents(name: str, imports: Mapping[str, set[str]]) -> set[str]:
 
 
 def imports_of_ours() -> dict[str, set[str]]:
-    """Give the imports of every imported module of this repository."""
+    """Return the imports of every imported module of this repository."""
     loaded = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in OURS}
     return {name: set(_imported(module)) for name, module in loaded.items() if module.__file__}
 
@@ -64,7 +64,7 @@ class _Finder(MetaPathFinder):
         path: Sequence[str] | None,  # noqa: ARG002 - there is one
         target: ModuleType | None = None,  # noqa: ARG002
     ) -> ModuleSpec | None:
-        """Give the module with the defect, None for other names."""
+        """Return the module with the defect, None for other names."""
         if fullname != self._name:
             return None
         return spec_from_file_location(fullname, self._file, loader=_Loader(fullname, str(self._file), self._code))
@@ -78,5 +78,5 @@ class _Loader(SourceFileLoader):
         self._code = code
 
     def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002 - there is one
-        """Give the compiled code."""
+        """Return the compiled code."""
         return self._code

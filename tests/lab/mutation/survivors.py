@@ -4,7 +4,7 @@ from lab.mutation.trial import Verdict
 
 
 def reason(verdict: Verdict) -> str:
-    """Give the reason as a phrase for the report."""
+    """Return the reason as a phrase for the report."""
     if not verdict.flown:
         return "no flight runs it"
     if not verdict.changed:

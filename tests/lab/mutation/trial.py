@@ -113,7 +113,7 @@ class Trials:
             yield self._verdict(mutant, report)
 
     def runs(self, mutant: Mutant) -> list[Baseline]:
-        """Give the flights that run a mutant's lines, the most promising one first."""
+        """Return the flights that run a mutant's lines, the most promising one first."""
         file = str(mutant.file)
         meeting = [one for one in self._baselines.values() if mutant.is_run_by(one.lines.get(file, frozenset()))]
         return sorted(meeting, key=lambda one: one.cpu_s / self._promise(one.flight))
@@ -263,7 +263,7 @@ def _settle_in(reading: int) -> None:
 
 
 def _address_space_bytes() -> int:
-    """Give the address space of this process: a solver's threads reserve some gigabytes."""
+    """Return the address space of this process: a solver's threads reserve some gigabytes."""
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
 
 

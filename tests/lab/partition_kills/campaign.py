@@ -66,7 +66,7 @@ class Campaign:
 
     @property
     def failures(self) -> list[str]:
-        """Give the outcomes that the spec does not declare, as sentences."""
+        """Return the outcomes that the spec does not declare, as sentences."""
         return self._own_failures + self._oracle.failures
 
     def begin(self) -> None:
@@ -144,7 +144,7 @@ class Campaign:
         return _UNANSWERED
 
     def _told_of(self, pe: str, name: str, come: list[events.Event]) -> set[type[events.Event]]:
-        """Give the kinds of a PE's events about the modules of a partition."""
+        """Return the kinds of a PE's events about the modules of a partition."""
         return {
             type(event)
             for event in come
@@ -153,7 +153,7 @@ class Campaign:
         }
 
     def _became_of(self, victim: int, pe: str, name: str, told: set[type[events.Event]]) -> str | None:
-        """Give the outcome of a fault in a partition; None while there is no outcome yet."""
+        """Return the outcome of a fault in a partition; None while there is no outcome yet."""
         if not told:
             if self._works(pe, name) and pe in self._available:
                 return None
@@ -227,7 +227,7 @@ class Campaign:
                 pass
 
     def _partitions(self) -> _Partitions:
-        """Give every living partition."""
+        """Return every living partition."""
         agents = set(self._agents.values())
         found = {}
         for folder in Path("/proc").iterdir():

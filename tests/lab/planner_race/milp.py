@@ -215,7 +215,7 @@ class Milp:
         yield sorted(worth.items())
 
     def _serving(self, function: Function) -> dict[int, int]:
-        """Give variables of which one is 1 when a wanted function is served, each with the value of that service."""
+        """Return variables of which one is 1 when a wanted function is served, each with the value of that service."""
         wanted = self.possible.now.priority_of(function) > 0
         modules = [self.possible.spec.modules[output] for output in function.outputs if wanted]
         return {

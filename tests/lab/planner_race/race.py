@@ -52,11 +52,11 @@ class Entry:
     proven: list[bool] = field(default_factory=list)
 
     def percentile(self, percent: int) -> float:
-        """Give the CPU time in milliseconds that `percent` of the cases do not exceed; 0 without a case."""
+        """Return the CPU time in milliseconds that `percent` of the cases do not exceed; 0 without a case."""
         return percentile(self.cpu_ms, percent) if self.cpu_ms else 0.0
 
     def share_proven(self) -> float:
-        """Give the share of the cases with a proof; 1 without a case."""
+        """Return the share of the cases with a proof; 1 without a case."""
         return sum(self.proven) / len(self.proven) if self.proven else 1.0
 
 
@@ -82,7 +82,7 @@ class Race:
         )
 
     def greedy_utility(self) -> float:
-        """Give the mean share of the planner's utility that the greedy planner reaches."""
+        """Return the mean share of the planner's utility that the greedy planner reaches."""
         pairs = zip(self.serving["greedy"].served, self.serving["planner"].served, strict=True)
         shares = [ours[_CRITICAL] / best[_CRITICAL] for ours, best in pairs if best[_CRITICAL]]
         return sum(shares) / len(shares) if shares else 1.0
@@ -94,7 +94,7 @@ class Race:
 
 
 def percentile(values: Sequence[float], percent: int) -> float:
-    """Give the smallest value that `percent` of the values do not exceed."""
+    """Return the smallest value that `percent` of the values do not exceed."""
     return sorted(values)[max(0, -(-len(values) * percent // 100) - 1)]
 
 
@@ -126,7 +126,7 @@ def _questions(size: Size, cases: int, seed: int) -> Iterator[tuple[Spec, Planne
 
 
 def work_after(spec: Spec, now: Situation) -> float:
-    """Give the CPU of every module in its best mode, as a share of the CPU that a fault leaves."""
+    """Return the CPU of every module in its best mode, as a share of the CPU that a fault leaves."""
     left = sum(survivors(spec, now).pe_cpu_millis.values())
     wanted = sum(next(iter(module.modes.values())).cpu_millis for module in spec.modules.values())
     return wanted / left if left else float("inf")

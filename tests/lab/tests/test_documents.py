@@ -49,13 +49,13 @@ def fenced(text: str, language: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def tail() -> TableIndex:
-    """Give the table of a PE that has the branches of a DEMUX."""
+    """Return the table of a PE that has the branches of a DEMUX."""
     spec = load(shipped_spec_path("elevator_and_chute"))
     return TableIndex(Compiler(spec).table("tail_pe"))
 
 
 def rows(text: str, head: str) -> list[list[str]]:
-    """Give the cells of the table whose first heading is `head`."""
+    """Return the cells of the table whose first heading is `head`."""
     table = re.search(rf"^\| {re.escape(head)} \|.*\n\|[- |]+\n((?:\|.*\n)+)", text, re.MULTILINE)
     assert table, f"no table begins with {head}"
     return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table[1].splitlines()]
@@ -78,7 +78,7 @@ def test_every_table_and_diagram_has_its_place_on_a_page(kind: str, names: Itera
 
 
 def made_in(package: str, kind: type[T]) -> list[T]:
-    """Give the public values of a type that the modules of a package make, each once."""
+    """Return the public values of a type that the modules of a package make, each once."""
     names = [found.name for found in pkgutil.walk_packages(import_module(package).__path__, f"{package}.")]
     values = [item for name in names for item in vars(import_module(name)).items()]
     made = {id(value): value for name, value in values if isinstance(value, kind) and not name.startswith("_")}
@@ -235,7 +235,7 @@ def test_every_example_of_a_fault_or_a_limit_is_understood(example: str) -> None
 
 
 def anchors(page: Path) -> set[str]:
-    """Give the anchors of a page's headings, as Markdown on the web has them."""
+    """Return the anchors of a page's headings, as Markdown on the web has them."""
     headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 

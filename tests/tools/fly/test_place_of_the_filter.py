@@ -29,7 +29,7 @@ A_TENTH = "4 collapse bus:radio for 60 level 10"
 
 
 def planned(*down, before=None, limits=()):
-    """Give the PE and mode of the filter, the mode of the flight management, and the plan."""
+    """Return the PE and mode of the filter, the mode of the flight management, and the plan."""
     running = None if before is None else placement(before.configuration)
     found = plan(SPEC, situation(SPEC, (WITHOUT_CORRECTIONS, *down), limits), running)
     assert found.optimal

@@ -48,7 +48,7 @@ _QUESTIONS_FOR_A_CREW: Final = 100  # fewer plans are made sooner than worker pr
 def contingencies_of(
     spec: Spec, source: Source, before_making: Callable[[], None] = lambda: None, workers: int | None = None
 ) -> Contingencies | None:
-    """Give the plans made ahead for a spec, and make them now if needed; None if none are wanted or possible.
+    """Return the plans made ahead for a spec, and make them now if needed; None if none are wanted or possible.
 
     before_making: called before planning, which takes minutes; it may raise an error that the user should see first.
     workers: the number of processes that plan; None: one for each processor, or this process if there are few plans.
@@ -60,7 +60,7 @@ def contingencies_of(
 
 
 def kept_contingencies(spec: Spec) -> Contingencies | None:
-    """Give the plans for every single fault from the user's cache.
+    """Return the plans for every single fault from the user's cache.
 
     None if the cache has no plans that this planner made for this spec with this solver.
     """
@@ -76,7 +76,7 @@ def can_plan_ahead() -> bool:
 
 
 def questions(spec: Spec) -> int:
-    """Give the number of plans to make: in each phase one for the healthy system, and one for each single fault.
+    """Return the number of plans to make: in each phase one for the healthy system, and one for each single fault.
 
     Plans for places are not counted. (A plan for a place is for the failure of a module on one PE.)
     """
@@ -85,7 +85,7 @@ def questions(spec: Spec) -> int:
 
 
 def found_so_far(spec: Spec) -> int:
-    """Give the number of plans in the journal of a sweep that has not been completed; 0 without a journal."""
+    """Return the number of plans in the journal of a sweep that has not been completed; 0 without a journal."""
     with suppress(OSError):
         lines = partial_of(_kept_in(spec)).read_bytes().count(b"\n")
         return max(0, lines - 1)  # the first line is no plan
@@ -93,7 +93,7 @@ def found_so_far(spec: Spec) -> int:
 
 
 def _solver() -> str | None:
-    """Give the version of the solver; None if it is not installed."""
+    """Return the version of the solver; None if it is not installed."""
     try:
         return str(import_module("ortools").__version__)
     except ModuleNotFoundError:
@@ -124,7 +124,7 @@ def _say(sentence: str) -> None:
 
 
 def _kept_in(spec: Spec) -> Path:
-    """Give the file for the plans of a spec; its name has a digest of all that the plans depend on."""
+    """Return the file for the plans of a spec; its name has a digest of all that the plans depend on."""
     digest = digest_of(f"{spec.digest} ortools {_solver()} {platform.machine()}", _planner())
     return user_cache("contingencies") / f"{spec.name}-{digest}.contingencies"
 
@@ -166,7 +166,7 @@ def _make(spec: Spec, file: Path, workers: int | None) -> Contingencies:
 
 
 def _scope(spec: Spec) -> Scope:
-    """Give the scope of the plans made ahead: the elements that may fail, how many at once (0 or 1), the phases.
+    """Return the scope of the plans made ahead: the elements that may fail, how many at once (0 or 1), the phases.
 
     With 1, each place that a fault-free plan uses may fail, too.
     """

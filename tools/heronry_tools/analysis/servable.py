@@ -68,7 +68,7 @@ class Answer:
 
 
 def parts_of(spec: Spec, configuration: Configuration) -> dict[str, frozenset[str]]:
-    """Give for each function that a legal configuration serves its part: the modules that the function needs of it.
+    """Return for each function that a legal configuration serves its part: the modules that the function needs of it.
 
     These are the module that serves it, and all that feeds this module, directly or not. Parts of a legal
     configuration, taken together, are a legal configuration: every input stays wired, and less is used of everything.
@@ -104,13 +104,13 @@ class _Known:
                 self._used_by.setdefault(element, set()).add(name)
 
     def serving(self, functions: Collection[str], lost: frozenset[str], least: Mapping[str, int]) -> set[str]:
-        """Give those of the functions that are served, with the value asked for, by parts that use nothing lost."""
+        """Return those of the functions that are served, with the value asked for, by parts that use nothing lost."""
         hit = set[str]().union(*(self._used_by.get(element, ()) for element in lost))
         served = self._values.keys() & set(functions) - hit
         return {name for name in served if self._values[name] >= least.get(name, 0)} if least else served
 
     def of(self, functions: Collection[str]) -> Configuration:
-        """Give the parts of these functions as one configuration."""
+        """Return the parts of these functions as one configuration."""
         return self._reduced(frozenset[str]().union(*(self._parts[name] for name in functions)))
 
     def _reduced(self, modules: frozenset[str]) -> Configuration:
@@ -142,11 +142,11 @@ class Planning:
 
     @cached_property
     def times(self) -> ResponseTimes:
-        """Give the response times on the buses of the spec."""
+        """Return the response times on the buses of the spec."""
         return ResponseTimes(self.spec)
 
     def in_phase(self, phase: Phase) -> "Planning":
-        """Give the `Planning` for a phase of the spec. It wires no input that `only_in` restricts to other phases.
+        """Return the `Planning` for a phase of the spec. It wires no input that `only_in` restricts to other phases.
 
         If the spec has no such input, this object itself is returned.
         """
@@ -156,7 +156,7 @@ class Planning:
         return self._of_phase[phase]
 
     def possible(self, functions: Set[str], down: frozenset[str] = frozenset()) -> frozenset[str]:
-        """Give those of the functions that could be served without the elements in `down`.
+        """Return those of the functions that could be served without the elements in `down`.
 
         It is assumed that each module has its PE to itself.
         """
@@ -205,7 +205,7 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a known configuration that serves these functions and uses nothing that is lost when `down` is down.
+        """Return a known configuration that serves these functions and uses nothing that is lost when `down` is down.
 
         Only configurations that were found for earlier questions are tried, and parts of them (`_Known`); None if none
         of them does this.
@@ -218,7 +218,7 @@ class Planning:
         return next((known.of(functions) for known in whole), None)
 
     def healthy(self, phase: Phase) -> Plan:
-        """Give the best plan of a phase with everything up."""
+        """Return the best plan of a phase with everything up."""
         if phase not in self._plans:
             self._plans[phase] = plan(self.spec, Situation(phase=phase), effort=_EFFORT)
         return self._plans[phase]
@@ -232,7 +232,7 @@ class Planning:
         return frozenset(name for name in functions if not found.functions[name].served)
 
     def contingency(self, phase: Phase, down: frozenset[str]) -> Plan:
-        """Give the best plan of a phase while the elements in `down` are down.
+        """Return the best plan of a phase while the elements in `down` are down.
 
         It is assumed that the best plan with everything up ran before the loss of these elements.
         """
@@ -253,7 +253,7 @@ class Planning:
         least: Mapping[str, int] = NOTHING_ASKED,
         limits: Mapping[str, Fraction] = NO_LIMITS,
     ) -> Candidates:
-        """Give all choices of the planner (`Candidates`) if only these functions are wanted, all with one priority.
+        """Return all choices of the planner (`Candidates`) if only these functions are wanted, all with one priority.
 
         least: by name of a function, the lowest value with which the function may be served; 0 for a function that is
             not named. In the candidates, a mode has the value 1 if this lowest value is above 0 and the mode reaches

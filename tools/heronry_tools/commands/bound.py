@@ -63,7 +63,7 @@ def _planned(spec: Spec, phase: str | None) -> tuple[list[Case], int]:
 
 
 def _worst(bounds: Sequence[Bound]) -> list[Bound]:
-    """Give the largest bound for each class of faults and each bus on which PEs report.
+    """Return the largest bound for each class of faults and each bus on which PEs report.
 
     Faults after which no reconfiguration follows (`is_hopeless`) are left out.
     """

@@ -90,7 +90,7 @@ def _choice(arguments: argparse.Namespace) -> Choice:
 
 
 def _files(paths: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
-    """Give the name and path of each file to check, each file once; the path of standard input is None."""
+    """Return the name and path of each file to check, each file once; the path of standard input is None."""
     found: dict[str, Path | None] = {}
     for text in paths:
         path = Path(text)
@@ -133,7 +133,7 @@ def _specs_below(folder: Path) -> list[Path]:
 
 
 def _shipped(text: str) -> Path | None:
-    """Give the path of the shipped spec named `text`; None if there is none, or if `text` is the path of a file."""
+    """Return the path of the shipped spec named `text`; None if there is none, or if `text` is the path of a file."""
     is_shipped = text in (*shipped_spec_names(), *FLOWN) and not Path(text).exists()
     return shipped_spec_path(text) if is_shipped else None
 
@@ -151,7 +151,7 @@ def _assessed(name: str, path: Path | None, choice: Choice, progress: Progress, 
 
 
 def _in_stages(name: str, checks: Mapping[str, Check], progress: Progress) -> dict[str, Check]:
-    """Give the checks of the families of rules, each of which shows at its beginning which stage of the work it is."""
+    """Return the checks of the families of rules, each of which shows at its beginning which stage it is."""
     titles = {family.prefix: family.title for family in FAMILIES}
 
     def staged(number: int, prefix: str, check: Check) -> Check:
@@ -192,7 +192,7 @@ def _defects_of(what: str) -> Iterator[None]:
 
 
 def _told(assessed: Sequence[Assessed], *, quiet: bool) -> Sequence[Assessed]:
-    """Give the findings to report: all of them, or only the errors if `quiet` is True."""
+    """Return the findings to report: all of them, or only the errors if `quiet` is True."""
     return [one.errors_alone() for one in assessed] if quiet else assessed
 
 

@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _counts(spec: Spec, arguments: argparse.Namespace) -> dict[str, int]:
-    """Give for each story how many single faults can be injected into it."""
+    """Return for each story how many single faults can be injected into it."""
     setup = _setup(arguments)
     return {story: len(single_cases(spec, story, setup)) for story in stories(spec, setup)}
 

@@ -128,7 +128,7 @@ def _write_dispersion(file: Path, title: str, landings: Iterable[Dispersed]) -> 
 
 
 def _missions(spec: Spec, name: str, arguments: argparse.Namespace) -> Sequence[Any]:
-    """Give the missions of all seeds; raises UserError for an option that the aircraft does not have."""
+    """Return the missions of all seeds; raises UserError for an option that the aircraft does not have."""
     if name == "big_blue":
         return _glider_missions(spec, arguments)
     if arguments.phase is not None:

@@ -103,7 +103,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
 
 
 def _edited(graph: Graph, arguments: argparse.Namespace) -> tuple[Graph, Sequence[str] | None]:
-    """Give the graph after the operation that `arguments` name, and the view after it: the members in it, sorted.
+    """Return the graph after the operation that `arguments` name, and the view after it: the members in it, sorted.
 
     With --at, `contract` and `expand` change the view, and leave the graph as it is; every other operation works on the
     view as a graph of its own, and there is no view after it (None).

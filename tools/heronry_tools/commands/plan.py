@@ -62,7 +62,7 @@ def _best(spec: Spec, now: Situation, running: Placement | None, effort: float |
 
 
 def _way(spec: Spec, text: str, found: Plan, now: Situation) -> Transition:
-    """Give the transition from the running configuration to a plan; raises InvariantError if it is illegal."""
+    """Return the transition from the running configuration to a plan; raises InvariantError if it is illegal."""
     before, after = _as_known(spec, text), found.configuration
     way = transition(spec, before, after, now)
     refusals = verify_transition(spec, before, after, now, way)

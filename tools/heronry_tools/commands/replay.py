@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _spec_of(recording: Path, text: str | None) -> Spec:
-    """Give the spec of the flight: the one that `text` names, or if `text` is None, the one in the recorded folder.
+    """Return the spec of the flight: the one that `text` names, or if `text` is None, the one in the recorded folder.
 
     Raises UserError if a recorded folder is of another spec than `text`, if a log file is given without a spec,
     or if `recording` is itself a spec.
@@ -79,7 +79,7 @@ def _spec_of(recording: Path, text: str | None) -> Spec:
 
 
 def _as_proven(spec: Spec, frames: list[LoggedFrame], arguments: argparse.Namespace) -> list[LoggedFrame]:
-    """Give the frames that the key proves; in a flight without a key, all frames.
+    """Return the frames that the key proves; in a flight without a key, all frames.
 
     Raises UserError if the flight has a key and --key is missing, or if --key is given and the flight has no key.
     """
@@ -93,7 +93,7 @@ def _as_proven(spec: Spec, frames: list[LoggedFrame], arguments: argparse.Namesp
 
 
 def _stretched(own: Spec, flown: Spec) -> str | None:
-    """Give a sentence for the user if a flight had a longer heartbeat period than its spec states; else None.
+    """Return a sentence for the user if a flight had a longer heartbeat period than its spec states; else None.
 
     own: the spec. flown: the spec with the heartbeat period of the flight; the same object if the periods are equal.
     """

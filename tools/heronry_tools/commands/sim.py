@@ -123,7 +123,7 @@ def _given_faults(spec: Spec, arguments: argparse.Namespace) -> tuple[Fault, ...
 
 
 def _lines_of(file: Path) -> list[str]:
-    """Give the faults of a file, one per line, without comments and empty lines.
+    """Return the faults of a file, one per line, without comments and empty lines.
 
     Raises UserError if the file cannot be read, or lists no faults.
     """

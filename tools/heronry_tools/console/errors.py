@@ -89,7 +89,7 @@ def _drop_output() -> None:
 
 
 def as_user_error(error: Exception, command: str | None = None) -> str | None:
-    """Give the sentence for an error that the user can correct; None for a defect of heronry.
+    """Return the sentence for an error that the user can correct; None for a defect of heronry.
 
     command: the command in which the error occurred; None: not known.
     """

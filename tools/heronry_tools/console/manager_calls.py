@@ -11,7 +11,7 @@ from heronry_tools.console.errors import UserError
 
 
 def manager_socket(arguments: argparse.Namespace) -> Path:
-    """Give the socket of the manager to call.
+    """Return the socket of the manager to call.
 
     Raises ControlError in two cases: the manager that is named does not run; none is named, and the number of
     running managers is not one. A socket given by --socket is not checked.

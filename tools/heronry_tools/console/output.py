@@ -116,7 +116,7 @@ def settled(arguments: argparse.Namespace) -> argparse.Namespace:
 
 
 def _form_of(file: Path, forms: Forms) -> str | None:
-    """Give the form in `forms` to which the ending of a file belongs; None if it belongs to none of them.
+    """Return the form in `forms` to which the ending of a file belongs; None if it belongs to none of them.
 
     Raises UserError if the ending is that of a spec, or of a known form that is not in `forms`.
     """

@@ -13,7 +13,7 @@ from heronry_tools.console.errors import UserError
 
 
 def situation_of(spec: Spec, arguments: argparse.Namespace) -> Situation:
-    """Give the situation that the user describes by the options of `add_situation`.
+    """Return the situation that the user describes by the options of `add_situation`.
 
     Raises UnknownElementError as `situation` does.
     """
@@ -21,7 +21,7 @@ def situation_of(spec: Spec, arguments: argparse.Namespace) -> Situation:
 
 
 def evaluated_in(spec: Spec, plan: str, arguments: argparse.Namespace) -> Situation:
-    """Give the situation in which to evaluate a plan.
+    """Return the situation in which to evaluate a plan.
 
     This is the situation that the plan itself states. Each of the options --down, --limit, --phase and
     --priority that the user gives replaces the same part of it.

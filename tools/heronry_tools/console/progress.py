@@ -57,7 +57,7 @@ def show_line(text: str) -> None:
 
 
 def progress_line(what: str, done: int, total: int, spent_s: float) -> str:
-    """Give the line with the number of steps done.
+    """Return the line with the number of steps done.
 
     After the first step and before the last, the line also has the time left, estimated from the pace so far.
     spent_s: the time since the work began, in s.

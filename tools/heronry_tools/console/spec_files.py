@@ -59,7 +59,7 @@ def spec_text(text: str) -> SpecText:
 
 
 def spec_path(text: str) -> Path:
-    """Give the path of the spec file that `text` names, for a command that reads the file more than once.
+    """Return the path of the spec file that `text` names, for a command that reads the file more than once.
 
     `text` is the name of a shipped spec, or a path with an ending other than `.table`. Whether the file exists
     is not checked.
@@ -96,7 +96,7 @@ def _is_in_git(text: str) -> bool:
 
 
 def _from_git(text: str) -> bytes:
-    """Give the content of a file in a revision; raises UserError."""
+    """Return the content of a file in a revision; raises UserError."""
     try:
         done = subprocess.run(["git", "cat-file", "blob", text], capture_output=True, check=False)
     except FileNotFoundError:
@@ -117,7 +117,7 @@ def expect_pe(spec: Spec, name: str) -> None:
 
 
 def named_function(spec: Spec, name: str) -> Function:
-    """Give the function of this name; raises UserError."""
+    """Return the function of this name; raises UserError."""
     if name in spec.functions:
         return spec.functions[name]
     raise UserError(f"no function is named '{name}'; {meant(name, spec.functions, there_is='the spec has')}")

@@ -47,7 +47,7 @@ def print_tables(headline: str, tables: Sequence[Table]) -> None:
 
 
 def bar(used: int, capacity: int, text: str) -> Bar:
-    """Give the bar for a used part of a capacity, in the unit of the capacity; a capacity of 0 gives an empty bar."""
+    """Return the bar for a used part of a capacity, in the unit of the capacity; a capacity of 0 gives an empty bar."""
     return Bar(used / capacity if capacity else 0.0, text)
 
 
@@ -71,7 +71,7 @@ def _in_words(cell: Cell) -> str:
 
 
 def _filled(share: float) -> int:
-    """Give the number of filled cells of a bar; 0 only for a share of 0, all of them only for 1 or more."""
+    """Return the number of filled cells of a bar; 0 only for a share of 0, all of them only for 1 or more."""
     if share <= 0:
         return 0
     return min(_BAR if share >= 1 else _BAR - 1, max(1, round(share * _BAR)))

@@ -7,13 +7,13 @@ from pathlib import Path
 
 
 def user_cache(kind: str) -> Path:
-    """Give the cache folder for results of a kind: in ``$XDG_CACHE_HOME``, else in ``~/.cache``."""
+    """Return the cache folder for results of a kind: in ``$XDG_CACHE_HOME``, else in ``~/.cache``."""
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return base.absolute() / "heronry" / kind
 
 
 def digest_of(what: str, files: Iterable[tuple[str, Path]]) -> str:
-    """Give a digest of a text and of the contents of named files: 16 hexadecimal digits."""
+    """Return a digest of a text and of the contents of named files: 16 hexadecimal digits."""
     digest = hashlib.sha256(what.encode())
     for name, file in files:
         digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())

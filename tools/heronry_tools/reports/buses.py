@@ -22,7 +22,7 @@ def print_buses(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) ->
 
 
 def document(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) -> dict[str, object]:
-    """Give the messages of these buses as plain data for JSON; times in nanoseconds."""
+    """Return the messages of these buses as plain data for JSON; times in nanoseconds."""
     return {
         "spec": spec.digest,
         "phase": now.phase,

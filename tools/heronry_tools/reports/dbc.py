@@ -170,7 +170,7 @@ def _state() -> Iterator[Signal]:
 
 
 def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
-    """Give the signals of the CANaerospace header: node-ID, data type, service code, message code."""
+    """Yield the signals of the CANaerospace header: node-ID, data type, service code, message code."""
     yield _signal("node_id", 0, 8)
     yield _signal("data_type", 8, 8, _TYPE_NAMES)
     yield from service
@@ -178,7 +178,7 @@ def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
 
 
 def _emergency_event() -> Iterator[Signal]:
-    """Give the signals of the CANaerospace emergency event, which reports the same fault as an EMCY of CANopen."""
+    """Yield the signals of the CANaerospace emergency event, which reports the same fault as an EMCY of CANopen."""
     yield from _header((_signal("service_code", 16, 8),))
     yield _signal("error_code", 32, 16, signed=True)
     yield _signal("operation_id", 48, 8, _ELEMENT_KINDS, signed=True)
@@ -189,7 +189,7 @@ _ELEMENT_KINDS = {kind.value: kind.name for kind in ElementKind}
 
 
 def _echo(spec: Spec | None) -> Iterator[Signal]:
-    """Give the signals of an output echo.
+    """Yield the signals of an output echo.
 
     An echo with the data type FLOAT shows a device and the value to which it was driven. An echo with the data
     type ULONG shows a module that ran, and its mode.

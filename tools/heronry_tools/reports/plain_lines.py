@@ -19,7 +19,7 @@ class Line:
 
 
 def plain_line(event: events.Event) -> Line | None:
-    """Give the sentence of an event; None if there is none, or if the sentence would depend on other events."""
+    """Return the sentence of an event; None if there is none, or if the sentence would depend on other events."""
     if type(event) not in _SENTENCES:
         return None
     sentence, tone = _SENTENCES[type(event)]

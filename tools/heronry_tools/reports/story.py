@@ -51,7 +51,7 @@ class Story:
     _given_up: list[str] = field(default_factory=list)  # epochs since the last one that ran, with the reasons
 
     def tell(self, event: events.Event) -> list[Line]:
-        """Give the lines for one event; none for an event that does not concern the reader."""
+        """Return the lines for one event; none for an event that does not concern the reader."""
         if self._start_ns is None and isinstance(event, _STARTS):
             self._start_ns = event.t_ns
         lines = list(self._lines(event))
@@ -125,7 +125,7 @@ class Story:
         return needs_one
 
     def _standstill(self, event: events.StoodStill) -> Iterator[Line]:
-        """Give the line for a standstill, if the standstill needs one (`_needs_a_line`).
+        """Yield the line for a standstill, if the standstill needs one (`_needs_a_line`).
 
         If it is a standstill of the computer of a PE that was lost and has not joined since, the line names the loss,
         since the standstill may be the cause.
@@ -149,7 +149,7 @@ class Story:
         yield Line(words, "bad")
 
     def _suspicion(self, event: events.PeSuspected | events.PeAnswered | events.PeLost) -> Iterator[Line]:
-        """Give a line when a PE is lost; give none when a PE is only suspected, since most suspected PEs answer."""
+        """Yield a line when a PE is lost; give none when a PE is only suspected, since most suspected PEs answer."""
         pe = event.pe
         if isinstance(event, events.PeLost):
             pinged = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
@@ -163,7 +163,7 @@ class Story:
             self._suspects.add(pe)
 
     def _never_driven(self, function: Function, summary: events.Summary) -> Line:
-        """Give the line for a planned function that was not heard at all.
+        """Return the line for a planned function that was not heard at all.
 
         The line names the possible causes:
 
@@ -221,7 +221,7 @@ class Story:
             yield from self._roster(after)
 
     def _control_paths(self, paths: Mapping[str, str]) -> Iterator[Line]:
-        """Give a line for each plant whose control loop is closed again, or is newly open, or open in another way.
+        """Yield a line for each plant whose control loop is closed again, or is newly open, or open in another way.
 
         At the first call, give a line for each plant whose control loop is open.
 
@@ -263,7 +263,7 @@ class Story:
                 pass
 
     def _outage(self, event: events.Outage) -> Iterator[Line]:
-        """Give a line for the outage of a function, in two cases.
+        """Yield a line for the outage of a function, in two cases.
 
         - The function is heard again.
         - The function is still silent, although the plan serves it.
@@ -302,7 +302,7 @@ class Story:
 
 
 def _outages(event: events.Outages) -> Line:
-    """Give one line for many outages that have begun, or ended, within a second."""
+    """Return one line for many outages that have begun, or ended, within a second."""
     functions = event.functions
     more = f" and {len(functions) - _MOST_NAMES} more" if len(functions) > _MOST_NAMES else ""
     which = f": {', '.join(functions[:_MOST_NAMES])}{more}" if len(functions) > 1 else ""
@@ -342,7 +342,7 @@ def _heartbeat(event: events.Heartbeat) -> Line:
 
 
 def _living(pe: str, waited: Waited) -> Line:
-    """Give the line for a PE that is lost in a demo although the process of the PE still runs.
+    """Return the line for a PE that is lost in a demo although the process of the PE still runs.
 
     Only this computer can be the cause of such a loss.
 
@@ -405,7 +405,7 @@ def _consequences(spec: Spec, before: PlanDocument, after: PlanDocument) -> Iter
 
 
 def _no_longer_served(function: Function, before: PlanDocument, after: PlanDocument) -> Line:
-    """Give the line that says why a function is no longer served.
+    """Return the line that says why a function is no longer served.
 
     A function may have been served although it was not wanted, since other modules used the data of its module.
     If it is not wanted in the new phase either, the line says that this module has ended.

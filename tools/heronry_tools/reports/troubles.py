@@ -31,7 +31,7 @@ _FAULTS = {  # in words, by the name of the code
 
 
 def troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
-    """Give every trouble that a status document tells; none if the system is fit."""
+    """Yield every trouble that a status document tells; none if the system is fit."""
     yield from manager_troubles(status)
     for name in status["pes"]:
         yield from standing_troubles(status, name)
@@ -40,7 +40,7 @@ def troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def manager_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
-    """Give the troubles of the manager itself, of its journal, and of an epoch that is not everywhere yet."""
+    """Yield the troubles of the manager itself, of its journal, and of an epoch that is not everywhere yet."""
     manager = status["manager"]
     if manager["state"] == Mastership.STANDBY.value:
         yield Finding("manager", "this manager stands by: another one is active", "ask the active one, with --of NAME")
@@ -62,7 +62,7 @@ def manager_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def standing_troubles(status: Mapping[str, Any], name: str) -> Iterator[Finding]:
-    """Give the trouble of one PE, if there is any, as far as the manager knows it."""
+    """Yield the trouble of one PE, if there is any, as far as the manager knows it."""
     pe, start = status["pes"][name], f"start pe-agent on {name}, or look into its log"
     why = "" if pe["why"] is None else f": {pe['why']}"
     if pe["authentic"] is not None and not pe["authentic"]["is_believed"]:
@@ -84,14 +84,14 @@ def standing_troubles(status: Mapping[str, Any], name: str) -> Iterator[Finding]
 
 
 def table_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
-    """Give the PEs that stage nothing, because they have another table than the manager has compiled."""
+    """Yield the PEs that stage nothing, because they have another table than the manager has compiled."""
     for pe, why in status["other_tables"].items():
         remedy = f"heronry table SPEC {pe} -o {pe}.table   (copy it there, and restart its agent)"
         yield Finding("tables", f"{pe} stages nothing: {why}", remedy)
 
 
 def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
-    """Give what is told of faults, modules, radios, channels and inputs."""
+    """Yield what is told of faults, modules, radios, channels and inputs."""
     reasons = {(failure["element"], failure["by"]): failure for failure in status["failures"]}
     for fault in status["latched"]:
         reason = reasons.pop((module_of(fault["element"]), fault["by"]), None)
@@ -131,7 +131,7 @@ def _silent(silence: Mapping[str, Any]) -> Finding:
 
 
 def function_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
-    """Give a finding for each function that is wanted and not served."""
+    """Yield a finding for each function that is wanted and not served."""
     if status["manager"]["state"] == Mastership.STANDBY.value:
         return
     for name, function in status["functions"].items():

@@ -54,7 +54,7 @@ def fly(path: Path, text: str, spec: Spec) -> Answer:
 
 
 def _outcome(status: dict[str, Any]) -> Answer | None:
-    """Give the result of the last script; None while the manager is still working on the script."""
+    """Return the result of the last script; None while the manager is still working on the script."""
     script = status["script"]
     match script["state"]:
         case "held" if status["next"] is None and status["stage"] == Stage.DONE.value:

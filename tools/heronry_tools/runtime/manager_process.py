@@ -136,7 +136,7 @@ def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
 
 
 def _node(arguments: argparse.Namespace) -> int:
-    """Give the node-ID of this manager.
+    """Return the node-ID of this manager.
 
     This is the node-ID on the command line. If the command line names none, it is the usual node-ID of a
     standby manager (with the option --standby) or of an active manager (without this option).
@@ -163,7 +163,7 @@ def _say(sentence: str) -> None:
 
 
 def default_state_dir(spec_name: str) -> Path:
-    """Give the folder for files that must outlive a restart: below XDG_STATE_HOME, one per spec."""
+    """Return the folder for files that must outlive a restart: below XDG_STATE_HOME, one per spec."""
     home = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     return Path(home) / "heronry" / spec_name
 

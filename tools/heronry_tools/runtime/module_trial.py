@@ -49,7 +49,7 @@ class Trial:
     longest_ns: int = 0
 
     def document(self) -> dict[str, Any]:
-        """Give the trial as plain data for JSON. Bytes become hexadecimal digits.
+        """Return the trial as plain data for JSON. Bytes become hexadecimal digits.
 
         A module may request that a function gets the priority of the spec again: then None stands for the priority.
         """
@@ -75,7 +75,7 @@ class Trial:
 
 
 def requested_priorities(step: Result) -> list[tuple[str, int | None]]:
-    """Give function and priority of each priority request of a step; priority None: the spec's own priority."""
+    """Return function and priority of each priority request of a step; priority None: the spec's own priority."""
     return [(function, None if number == SPECS_PRIORITY else number) for function, number in step.priorities]
 
 
@@ -129,7 +129,7 @@ class _TooLongError(BaseException):  # an Exception would be taken for one of th
 
 
 def _own_frames(frame: FrameType) -> list[traceback.FrameSummary]:
-    """Give the calls in the module's own code: the part of the call stack after the last function of the runner."""
+    """Return the calls in the module's own code: the part of the call stack after the last function of the runner."""
     frames = traceback.extract_stack(frame)
     called = max((at for at, one in enumerate(frames) if not is_foreign(one.filename)), default=-1)
     return frames[called + 1 :]
@@ -184,7 +184,7 @@ def read_value(text: str) -> Value:
 
 
 def period_ns(rate_hz: float) -> int:
-    """Give the time between two steps, in ns, for a rate in steps per second."""
+    """Return the time between two steps, in ns, for a rate in steps per second."""
     return round(_NS_PER_S / rate_hz)
 
 

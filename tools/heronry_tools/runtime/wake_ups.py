@@ -56,7 +56,7 @@ def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0, beside:
 
 
 def kept_heartbeat_ns(late_ns: int) -> int:
-    """Give the heartbeat period that a node can keep if it is up to `late_ns` late.
+    """Return the heartbeat period that a node can keep if it is up to `late_ns` late.
 
     The usual period is doubled until it is at least twice `late_ns`. The result is never longer than
     LONGEST_HEARTBEAT_NS, even if the node cannot keep that period.

@@ -102,11 +102,11 @@ class Witness:
         return watched.last is not None and now_ns - watched.last.t_ns <= watched.patience_ns
 
     def last_output(self, function: str) -> Output | None:
-        """Give the last output of a function that was heard; None where none was."""
+        """Return the last output of a function that was heard; None where none was."""
         return self._watched[function].last
 
     def patience_ns(self, function: str) -> int:
-        """Give the longest silence of a served function, in ns; after a longer silence it is not served."""
+        """Return the longest silence of a served function, in ns; after a longer silence it is not served."""
         return self._watched[function].patience_ns
 
     def outages(self, now_ns: int) -> list[Outage]:

@@ -65,7 +65,7 @@ def _listened(arguments: argparse.Namespace, key: Key | None) -> Feed:
 
 
 def named_choices(spec: Spec, arguments: argparse.Namespace) -> Iterator[BusChoice]:
-    """Give the buses of a spec that the command line names, by python-can's flags or by --bus."""
+    """Yield the buses of a spec that the command line names, by python-can's flags or by --bus."""
     flags = _bus_flags(arguments)
     if flags:
         bus = spec.buses[spec.manager.bus]

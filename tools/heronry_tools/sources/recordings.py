@@ -127,7 +127,7 @@ def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: 
 
 
 def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
-    """Give the bus of each channel of a log.
+    """Return the bus of each channel of a log.
 
     A channel is the bus of the same name. If the log has only one channel, and no bus has its name, the channel is the
     manager's bus.
@@ -139,7 +139,7 @@ def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
 
 
 def tables_of(spec: Spec) -> tuple[PeTable, ...]:
-    """Give the tables of the PEs, with the contingencies in this user's cache; without them if there is no solver."""
+    """Return the tables of the PEs, with the contingencies in this user's cache; without them if there is no solver."""
     try:
         from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415 - needs the solver
     except ModuleNotFoundError:
@@ -149,7 +149,7 @@ def tables_of(spec: Spec) -> tuple[PeTable, ...]:
 
 
 def _why(spec: Spec, found: Sequence[RecordedMastership]) -> list[Event] | None:
-    """Give the manager's events by running its core again.
+    """Return the manager's events by running its core again.
 
     Returns None if the recording does not begin before the manager starts, if the solver is not installed, or if the
     core decides otherwise than recorded.

@@ -147,7 +147,7 @@ class _Peer:
     told_ns: int | None = None
 
     def sessions(self) -> list[_Opened]:
-        """Give the sessions in which the PE may have tagged its next state: the open one, and those offered since."""
+        """Return the sessions in which the PE may have tagged its next state: the open one, and those offered since."""
         return [*([] if self.opened is None else [self.opened]), *self.offers]
 
 
@@ -199,7 +199,7 @@ class Authenticity:
         turn.seal = self._seal
 
     def status(self, pe: str) -> dict[str, Any]:
-        """Give what the status shows of a PE: whether this manager believes the states of the PE, and three counts.
+        """Return what the status shows of a PE: whether this manager believes the states of the PE, and three counts.
 
         The counts: states in the name of the PE that were not believed, commands that the PE has refused, and EMCYs in
         the name of the PE that were never proven.
@@ -215,7 +215,7 @@ class Authenticity:
     # What goes out
 
     def _seal(self, actions: list[ManagerAction]) -> list[ManagerAction]:
-        """Give these actions with a TAG behind each command, and then the answers to nonces.
+        """Return these actions with a TAG behind each command, and then the answers to nonces.
 
         An answer is given to each nonce for which `answer` was called since the last event.
         """
@@ -306,7 +306,7 @@ class Authenticity:
             peer.unproven += heard
 
     def take_emergency(self, pe: str) -> bytes | None:
-        """Give the EMCY that the tag of the last page 0 of a PE covers, and forget it.
+        """Return the EMCY that the tag of the last page 0 of a PE covers, and forget it.
 
         None: the tag covers no EMCY, or the EMCY was given before.
         """
@@ -345,7 +345,7 @@ class Authenticity:
         self._managers.hold(manager, command, event, self._turn.now_ns)
 
     def proven(self, manager: int, tag: bytes) -> Held | None:
-        """Give the command of another manager that this TAG proves; None: it proves none, or a WELCOME to a PE.
+        """Return the command of another manager that this TAG proves; None: it proves none, or a WELCOME to a PE.
 
         A command that may be a replay of one of this manager's own commands does not count as proven. A TAG that
         proves nothing counts as forged, and so does its command.

@@ -66,7 +66,7 @@ class Activation:
         return True
 
     def _must_break(self, epoch: Epoch, current: Epoch | None) -> set[str]:
-        """Give the PEs that must report BROKEN before the manager commands the next step, GO or GO_ALL."""
+        """Return the PEs that must report BROKEN before the manager commands the next step, GO or GO_ALL."""
         available = self._health.available()
         may_run = {pe: self._may_run(pe, current) for pe in available}
         strangers = {pe for pe, known in may_run.items() if known is None and pe in self._epochs.wired}
@@ -75,7 +75,7 @@ class Activation:
         return set(self._transitions.must_break(known, epoch.configuration, epoch.plan.now, exclusive))
 
     def _may_run(self, pe: str, current: Epoch | None) -> list[Configuration] | None:
-        """Give the configurations that a PE may be running: the one in its last state, and that of `current`.
+        """Return the configurations that a PE may be running: the one in its last state, and that of `current`.
 
         The list is empty if the last state of the PE says that it runs nothing. None: the configuration in the last
         state is not known.

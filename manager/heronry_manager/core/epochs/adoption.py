@@ -45,7 +45,7 @@ class Adoption:
         self._observed, self._epochs = observed, epochs
 
     def of_plan(self, plan: Plan) -> Epoch | None:
-        """Give the epoch that the PEs run, if every available PE runs exactly this plan.
+        """Return the epoch that the PEs run, if every available PE runs exactly this plan.
 
         None if not, or if a silent PE may run a later epoch.
         """
@@ -60,7 +60,7 @@ class Adoption:
         return self._adopted(newest, plan, compiled)
 
     def of_remembered(self, runs: Runs | None, now: Situation) -> Epoch | None:
-        """Give the remembered or overheard epoch `runs` as one to adopt, if the PEs run this epoch; None if not.
+        """Return the remembered or overheard epoch `runs` as one to adopt, if the PEs run this epoch; None if not.
 
         A PE that runs nothing, or is missing, does not prevent the adoption; such a PE is treated as a fault. The
         memory does not say which limits the radios had when the plan was made. So the plan counts as made for the

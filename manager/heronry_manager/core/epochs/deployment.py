@@ -134,11 +134,11 @@ class Deployment:
         return self.current is not None and self.current.stage is Stage.DONE and self.next is None
 
     def compiled_digest(self, configuration: Configuration) -> int:
-        """Give the digest that an epoch with this configuration has."""
+        """Return the digest that an epoch with this configuration has."""
         return self.epochs.compiled(configuration).digest
 
     def unknown_epoch(self, leased: int) -> int | None:
-        """Give the newest epoch that PEs run or another manager's LEASE names, if this manager has no current epoch.
+        """Return the newest epoch that PEs run or another manager's LEASE names, if this manager has no current epoch.
 
         None: there is no such epoch, or this manager has a current epoch, whose configuration it knows.
 
@@ -149,20 +149,20 @@ class Deployment:
         return newest_epoch((leased, self.observed.newest_epoch())) or None
 
     def digest_of(self, epoch: int) -> int | None:
-        """Give the digest of the epoch that is being prepared, or of a remembered epoch; None: it is neither."""
+        """Return the digest of the epoch that is being prepared, or of a remembered epoch; None: it is neither."""
         is_next = self.next is not None and self.next.epoch == epoch
         known = self.next if is_next else self.epochs.known(epoch)
         return None if known is None else known.compiled.digest
 
     def lease(self) -> Lease:
-        """Give the LEASE to send now, with the current epoch and its step."""
+        """Return the LEASE to send now, with the current epoch and its step."""
         current = self.current
         if current is None:
             return Lease(self._turn.term, 0, Step.PREPARED, 0)
         return Lease(self._turn.term, current.epoch, current.step, current.compiled.digest)
 
     def next_deadline_ns(self) -> int:
-        """Give the time (ns) at which to call `tick`; NEVER_NS: there is nothing to repeat."""
+        """Return the time (ns) at which to call `tick`; NEVER_NS: there is nothing to repeat."""
         due_ns = NEVER_NS
         if not self._turn.silent:
             for epoch in (self.current, self.next):

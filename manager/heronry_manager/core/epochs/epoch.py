@@ -135,7 +135,7 @@ class _Progress:
     asked_times: int = 0
 
     def again_ns(self) -> int:
-        """Give the time (ns) at which to repeat the command.
+        """Return the time (ns) at which to repeat the command.
 
         The waits between the repetitions are 1, 2, 4, and then always 8 heartbeat periods.
         """
@@ -322,7 +322,7 @@ class Epoch:
         return overdue
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time (ns) at which to call `tick`.
+        """Return the time (ns) at which to call `tick`.
 
         None: nothing is to be sent or repeated, and no time is awaited at which unavailable PEs have stopped.
         """

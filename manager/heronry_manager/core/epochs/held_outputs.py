@@ -61,7 +61,7 @@ class HeldOutputs:
             self._turn.emit(events.OutputsHeld, pe=pe, modules=tuple(self._modules(pe)), cause=held.cause)
 
     def status(self, pe: str) -> dict[str, Any] | None:
-        """Give the modules whose outputs a PE holds back, the cause, and for how long it has done so, in ns.
+        """Return the modules whose outputs a PE holds back, the cause, and for how long it has done so, in ns.
 
         None: the PE holds no outputs back, or has not done so for longer than T_lease.
         """

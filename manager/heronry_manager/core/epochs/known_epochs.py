@@ -140,7 +140,7 @@ class Epochs:
     # Remembered epochs
 
     def known(self, number: int) -> Epoch | None:
-        """Give the epoch with this number; None: it is not remembered."""
+        """Return the epoch with this number; None: it is not remembered."""
         return self._known.get(number)
 
     def placed_since(self, epoch: Epoch) -> Iterator[Mapping[str, set[str]]]:

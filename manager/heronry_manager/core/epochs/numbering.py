@@ -28,7 +28,7 @@ class NoTermError(HeronryError):
 
 
 def next_term(node: int, highest: int) -> int:
-    """Give the first term above `highest` that the manager `node` may use; raises NoTermError if none is left."""
+    """Return the first term above `highest` that the manager `node` may use; raises NoTermError if none is left."""
     term = highest + 1 + (highest + node - FIRST_MANAGER) % 2
     if term > MAX_TERM:
         raise NoTermError(
@@ -52,7 +52,7 @@ class EpochNumbers:
         self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
 
     def next(self, newest_seen: int) -> int:
-        """Give a number newer than all given before, and newer than `newest_seen`, the newest that a PE runs."""
+        """Return a number newer than all given before, and newer than `newest_seen`, the newest that a PE runs."""
         runs = self._turn.memory.runs
         epoch = next_epoch(newest_epoch((self.last, newest_seen, NO_EPOCH if runs is None else runs.epoch)))
         if (_block_of(epoch) - (self._turn.term - 1)) % 2:

@@ -72,5 +72,5 @@ class Observations:
         return seen.state is not PeState.UNCONFIGURED and not seen.configured
 
     def newest_epoch(self) -> int:
-        """Give the newest epoch that any PE, available or not, has reported to run."""
+        """Return the newest epoch that any PE, available or not, has reported to run."""
         return newest_epoch((self._newest_lost, *(seen.epoch for seen in self.of.values())))

@@ -43,7 +43,7 @@ class OtherTables:
         self._refusing.discard(pe)
 
     def flying(self) -> list[str]:
-        """Give the PEs that fly with another table, by name."""
+        """Return the PEs that fly with another table, by name."""
         return sorted(pe for pe in self._refusing if self._observed.runs_unknown(pe))
 
     def why(self) -> str:

@@ -118,7 +118,7 @@ class Silences:
                 self._end(key, "no longer reported")
 
     def all(self) -> list[dict[str, Any]]:
-        """Give what the status shows of each silence, the oldest first."""
+        """Return what the status shows of each silence, the oldest first."""
         return [
             {
                 "module": module,
@@ -165,7 +165,7 @@ class Silences:
         return health.is_available(origin) and health.standing(origin) is not Standing.SUSPECT
 
     def _what(self, key: _Key) -> _What | None:
-        """Give the variable that a report means; None: the current epoch has no such input or output."""
+        """Return the variable that a report means; None: the current epoch has no such input or output."""
         module, pe, silence = key
         running = self._configuration().modules.get(module)
         if running is None or running.pe != pe:

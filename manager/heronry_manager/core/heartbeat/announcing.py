@@ -33,7 +33,7 @@ class Announcer:
         self._told: dict[Fact, int] = {}  # number of the beat that announced each fact last
 
     def next(self) -> Fact | None:
-        """Give the fact to announce with this beat, and count it as announced; None: no fact is due."""
+        """Return the fact to announce with this beat, and count it as announced; None: no fact is due."""
         self._beat += 1
         facts = self.look()
         fact = min(facts, key=lambda one: self._told.get(one, 0), default=None)
@@ -43,7 +43,7 @@ class Announcer:
         return fact
 
     def phase(self) -> list[Fact]:
-        """Give the phase as a fact that is announced immediately; an empty list if the spec has no phases."""
+        """Return the phase as a fact that is announced immediately; an empty list if the spec has no phases."""
         phase = self._phase()
         self._told |= dict.fromkeys(phase, self._beat)
         return phase

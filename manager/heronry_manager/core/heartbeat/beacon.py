@@ -27,7 +27,7 @@ class Beacon:
         self._sequence = 0
 
     def beat(self, now_ns: int, lease: Lease, alive: frozenset[int], suspects: frozenset[int]) -> list[Send]:
-        """Give the frames of one beat, and set the time at which the next beat is due (`next_ns`).
+        """Return the frames of one beat, and set the time at which the next beat is due (`next_ns`).
 
         The frames are `lease`, an ALIVE that names the nodes `alive`, and a PING to each of the nodes `suspects`.
         The manager's CANopen heartbeat follows if it is due.
@@ -41,12 +41,12 @@ class Beacon:
         return frames
 
     def alive(self, term: int, nodes: frozenset[int]) -> Send:
-        """Give an ALIVE frame that names these nodes, and no others, as available."""
+        """Return an ALIVE frame that names these nodes, and no others, as available."""
         sequence, self._sequence = self._sequence, (self._sequence + 1) % 256
         return self._send(Command.ALIVE, Alive(term, sequence, nodes).encode())
 
     def ping(self, term: int, node: int) -> Send:
-        """Give a PING frame, which asks the PE with this node-ID for its state."""
+        """Return a PING frame, which asks the PE with this node-ID for its state."""
         return self._send(Command.PING, Ping(term, node, self._sequence).encode())
 
     def _send(self, command: Command, data: bytes) -> Send:

@@ -190,11 +190,11 @@ class Following:
         return self.leased_ns is not None and self._turn.now_ns < self._orphaned_ns
 
     def leased_epoch(self) -> int:
-        """Give the epoch in the last LEASE if that came within T_lease; NO_EPOCH otherwise."""
+        """Return the epoch in the last LEASE if that came within T_lease; NO_EPOCH otherwise."""
         return next(reversed(self._digests)) if self.hears_lease() else NO_EPOCH
 
     def digest_of(self, epoch: int) -> int | None:
-        """Give the digest of an epoch of the active or the previous manager; None: it is not known."""
+        """Return the digest of an epoch of the active or the previous manager; None: it is not known."""
         return self._digests.get(epoch)
 
     def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
@@ -236,11 +236,11 @@ class Following:
         return 2 * sum(not hears for hears in heard) > len(heard)
 
     def available(self) -> frozenset[str]:
-        """Give the PEs that the active manager's last ALIVE has named."""
+        """Return the PEs that the active manager's last ALIVE has named."""
         return self._available
 
     def unbelieved(self) -> frozenset[str]:
-        """Give the PEs that were heard within T_lease, but have proven no state to this manager in this time.
+        """Return the PEs that were heard within T_lease, but have proven no state to this manager in this time.
 
         If the active manager's last ALIVE has named any PEs, only the PEs that it named are given.
         """
@@ -248,7 +248,7 @@ class Following:
         return frozenset(speak & self._available if self._available else speak)
 
     def _heard(self) -> dict[str, bool]:
-        """Give each PE whose state was heard within T_lease, and whether the PE reports that it hears a LEASE.
+        """Return each PE whose state was heard within T_lease, and whether the PE reports that it hears a LEASE.
 
         An unproven state counts only if the PE has proven no state within T_lease.
         """
@@ -259,7 +259,7 @@ class Following:
         return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time (ns) at which the wait for a LEASE ends, so that `is_orphaned` may become true.
+        """Return the time (ns) at which the wait for a LEASE ends, so that `is_orphaned` may become true.
 
         None: this time has passed, so `is_orphaned` may be true already.
         """

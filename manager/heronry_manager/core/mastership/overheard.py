@@ -106,7 +106,7 @@ class Overheard:
             self._turn.keep(self.runs)
 
     def _called(self, digest: int) -> Configuration | None:
-        """Give the contingency whose number is in the overheard PREPARE.
+        """Return the contingency whose number is in the overheard PREPARE.
 
         None: PREPARE has no such number, or this manager's contingency with that number has another digest.
         """
@@ -116,7 +116,7 @@ class Overheard:
         return called if called is not None and self._compiler.configuration(called).digest == digest else None
 
     def _put_together(self) -> Configuration | None:
-        """Give the configuration that the slices of the overheard epoch make together.
+        """Return the configuration that the slices of the overheard epoch make together.
 
         None: a slice is not known, or the slices do not fit this spec.
         """

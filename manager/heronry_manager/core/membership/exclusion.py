@@ -89,7 +89,7 @@ class Exclusion:
         self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
 
     def tokens(self, configuration: Configuration) -> dict[str, set[str]]:
-        """Give the tokens that a configuration places on each PE: what must not have a second driver."""
+        """Return the tokens that a configuration places on each PE: what must not have a second driver."""
         placed: dict[str, set[str]] = {pe: set() for pe in self._spec.pes}
         for name, running in configuration.modules.items():
             placed[running.pe] |= self._tokens_of(name)
@@ -185,7 +185,7 @@ class Exclusion:
         self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
-        """Give the available PEs that must give up a token, since `placed` gives this token to another PE.
+        """Return the available PEs that must give up a token, since `placed` gives this token to another PE.
 
         The manager waits until these PEs report BROKEN.
 
@@ -194,7 +194,7 @@ class Exclusion:
         return {pe for pe in available if self._rivals(pe, placed)}
 
     def demux_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """Give the time in ns at which all unavailable PEs have certainly stopped driving DEMUXes that must move.
+        """Return the time in ns at which all unavailable PEs have certainly stopped driving DEMUXes that must move.
 
         placed: tokens by PE. A DEMUX must move if an unavailable PE holds its token and `placed` has it on another PE.
         None: all have stopped already.
@@ -202,7 +202,7 @@ class Exclusion:
         return self._free_ns(placed, available, now_ns, demux=True)
 
     def identifiers_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """Give the time in ns at which all unavailable PEs have certainly stopped sending for modules that must move.
+        """Return the time in ns at which all unavailable PEs have certainly stopped sending for modules that must move.
 
         placed: tokens by PE. A module must move if an unavailable PE holds its token and `placed` has it on another PE.
         None: all have stopped already.
@@ -226,7 +226,7 @@ class Exclusion:
         return max(ends, default=None)
 
     def _rivals(self, pe: str, placed: Mapping[str, set[str]]) -> set[str]:
-        """Give the tokens that the PE `pe` holds, and whose exclusive thing `placed` has on another PE.
+        """Return the tokens that the PE `pe` holds, and whose exclusive thing `placed` has on another PE.
 
         A token that `placed` also gives to `pe` itself is left out.
         """
@@ -240,6 +240,6 @@ def _is_demux(token: str) -> bool:
 
 
 def _exclusive_thing(token: str) -> str:
-    """Give the thing that a token stands for: `demux:NAME` for `demux:NAME:BRANCH`, and `module:NAME` for itself."""
+    """Return the thing that a token stands for: `demux:NAME` for `demux:NAME:BRANCH`, and `module:NAME` for itself."""
     kind, name = token.split(":")[:2]
     return f"{kind}:{name}"

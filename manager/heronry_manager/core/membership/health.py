@@ -159,19 +159,19 @@ class Health:
             )
 
     def standing(self, pe: str) -> Standing:
-        """Give the standing of a PE: waiting, up, suspect, down or returning."""
+        """Return the standing of a PE: waiting, up, suspect, down or returning."""
         return self._records[pe].standing
 
     def cause(self, pe: str) -> str | None:
-        """Give the reason why a PE is not available; None: it is available, or may still be starting."""
+        """Return the reason why a PE is not available; None: it is available, or may still be starting."""
         return self._records[pe].cause
 
     def incarnation(self, pe: str) -> int | None:
-        """Give the boot count in the last believed page 0 of a PE; None: no such page has come."""
+        """Return the boot count in the last believed page 0 of a PE; None: no such page has come."""
         return self._records[pe].incarnation
 
     def said_incarnation(self, pe: str, since_ns: int) -> int | None:
-        """Give the boot count that a PE reported last, proven or not.
+        """Return the boot count that a PE reported last, proven or not.
 
         None: the PE has reported none, or its boot count has changed after `since_ns`.
         """
@@ -179,11 +179,11 @@ class Health:
         return record.said if record.said_since_ns <= since_ns else None
 
     def losses(self, pe: str) -> int:
-        """Give the number of a PE's losses since they were last forgiven."""
+        """Return the number of a PE's losses since they were last forgiven."""
         return self._records[pe].losses
 
     def held_down_for_ns(self, pe: str, now_ns: int) -> int | None:
-        """Give how long a returning PE is still held down, in nanoseconds; None: the PE is in another standing."""
+        """Return how long a returning PE is still held down, in nanoseconds; None: the PE is in another standing."""
         record = self._records[pe]
         if record.standing is not Standing.RETURNING:
             return None
@@ -194,7 +194,7 @@ class Health:
         return self._records[pe].standing in (Standing.UP, Standing.SUSPECT)
 
     def available(self) -> list[str]:
-        """Give the PEs that are UP or SUSPECT, in the spec's order."""
+        """Return the PEs that are UP or SUSPECT, in the spec's order."""
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
     def suspects_any(self) -> bool:
@@ -230,7 +230,7 @@ class Health:
         return self._window_closes_ns is not None
 
     def period_ns(self, pe: str) -> int:
-        """Give the heartbeat period of a PE on the bus on which it reports, in nanoseconds."""
+        """Return the heartbeat period of a PE on the bus on which it reports, in nanoseconds."""
         return self._records[pe].period_ns
 
     def heard(self, pe: str, incarnation: int | None, now_ns: int, *, hears_lease: bool = True) -> list[HealthChange]:
@@ -324,7 +324,7 @@ class Health:
         record.says(incarnation, now_ns)
 
     def awaited_again(self) -> list[str]:
-        """Give the PEs for which the manager waits again since `await_again`.
+        """Return the PEs for which the manager waits again since `await_again`.
 
         A PE is left out once one of its states is proven, once it falls silent, and when the start-up window closes.
         """
@@ -408,7 +408,7 @@ class Health:
         return changes
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time (ns) at which to call `tick`; None: no call is needed."""
+        """Return the time (ns) at which to call `tick`; None: no call is needed."""
         due_ns = NEVER_NS if self._window_closes_ns is None else self._window_closes_ns
         for record in self._records.values():
             match record.standing:

@@ -82,7 +82,7 @@ class _Reading:
     toggle: int = 0
 
     def anew(self) -> "_Reading":
-        """Give a copy of this reading as it was before its first request."""
+        """Return a copy of this reading as it was before its first request."""
         return replace(self, length=None, data=b"", toggle=0)
 
     def is_of(self, other: "_Reading") -> bool:

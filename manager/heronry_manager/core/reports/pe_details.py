@@ -168,7 +168,7 @@ class PeDetails:
         self._tables.pop(pe, None)
 
     def other_tables(self) -> dict[str, str]:
-        """Give the PEs that have another table, each with the sentence that says why and what to do."""
+        """Return the PEs that have another table, each with the sentence that says why and what to do."""
         return dict(self._tables)
 
     def _why_another_table(self, digest: bytes | None, version: bytes | None) -> str:
@@ -213,7 +213,7 @@ class PeDetails:
             self._reader.give_up()
 
     def failures(self) -> list[dict[str, Any]]:
-        """Give the last failure of each module, oldest first, as a dict with four keys.
+        """Return the last failure of each module, oldest first, as a dict with four keys.
 
         element: the module that has failed.
         by: the PE that reported the failure.
@@ -225,14 +225,14 @@ class PeDetails:
         return [{k: v for k, v in one.items() if k != "at_ns"} | {"for_ns": now_ns - one["at_ns"]} for one in kept]
 
     def standstills(self, pe: str) -> Mapping[str, int] | None:
-        """Give how often the computer of a PE has stood still; None: this was not read yet.
+        """Return how often the computer of a PE has stood still; None: this was not read yet.
 
         The keys are times, long_times, last_long_ms and longest_ms.
         """
         return self._standstills.get(pe)
 
     def own_standstills(self) -> dict[str, int]:
-        """Give how often and for how long this manager's own computer has stood still.
+        """Return how often and for how long this manager's own computer has stood still.
 
         The keys are those that `standstills` gives for a PE.
         """
@@ -265,7 +265,7 @@ class PeDetails:
             take(None)
 
     def _position_in_table(self, pe: str, element: str) -> int:
-        """Give the position of a module among those in a PE's table, from 1; 0: it is not in that table."""
+        """Return the position of a module among those in a PE's table, from 1; 0: it is not in that table."""
         name = element.partition(":")[2]
         modules = [one.name for one in self._spec.modules.values() if pe in hosts_when_all_is_up(self._spec, one)]
         return modules.index(name) + 1 if name in modules else 0

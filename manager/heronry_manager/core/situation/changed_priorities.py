@@ -72,7 +72,7 @@ class ChangedPriorities:
         self._told_function: int | None = None  # the function whose priority another manager has just told
 
     def now(self) -> dict[str, int]:
-        """Give the present priority of each function whose priority differs from the spec's."""
+        """Return the present priority of each function whose priority differs from the spec's."""
         return {name: one.priority for name, one in self._changed.items()}
 
     def all(self) -> list[PriorityChanged]:
@@ -88,12 +88,12 @@ class ChangedPriorities:
         return [self.told(index) for index in sorted(map(self.index_of, functions))]
 
     def accepted(self, index: int) -> list[PriorityRequest]:
-        """Give, for each PE, the last executed request for the priority of the function with this index."""
+        """Return, for each PE, the last executed request for the priority of the function with this index."""
         name = self._functions[index].name
         return [one for (_, function), one in self._turn.memory.priority_requests.items() if function == name]
 
     def told(self, index: int) -> Fact:
-        """Give the CONTROL that announces the priority of a function, as operation, `a` and `b`.
+        """Return the CONTROL that announces the priority of a function, as operation, `a` and `b`.
 
         The operation is HOLDS for a changed priority, and CLEAR for the priority of the spec.
 
@@ -109,7 +109,7 @@ class ChangedPriorities:
         return function in self._index
 
     def index_of(self, function: str) -> int:
-        """Give the index of a function in CONTROL and in requests."""
+        """Return the index of a function in CONTROL and in requests."""
         return self._index[function]
 
     def order(self, function: str, priority: int | None) -> str | None:

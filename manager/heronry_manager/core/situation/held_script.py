@@ -67,7 +67,7 @@ class HeldScript:
         return self._ordered is not None
 
     def status(self) -> dict[str, Any]:
-        """Give the state of the last script (none, asked, held, refused, ended), and why it was refused or ended."""
+        """Return the state of the last script (none, asked, held, refused, ended), and why it was refused or ended."""
         if self.is_ordered:
             return {"state": "asked", "why": None}
         if self.target is not None:

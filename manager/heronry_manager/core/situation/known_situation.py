@@ -101,7 +101,7 @@ class KnownSituation:
         return self._mission.current
 
     def now(self) -> Situation:
-        """Give the situation that plans are made for."""
+        """Return the situation that plans are made for."""
         return Situation(self.down(), self.links.limits(), self.phase, self.priorities.now())
 
     def spares(self, plan: Plan) -> bool:
@@ -119,11 +119,11 @@ class KnownSituation:
         return element in self.failed.elements
 
     def element(self, emergency: Emergency) -> str | None:
-        """Give the element that an EMCY names; None: the spec lacks it."""
+        """Return the element that an EMCY names; None: the spec lacks it."""
         return self.failed.element(emergency.kind, emergency.index)
 
     def field(self, element: str) -> tuple[int, int] | None:
-        """Give the fields a and b of CONTROL that name an element; None: no command can name it."""
+        """Return the fields a and b of CONTROL that name an element; None: no command can name it."""
         return self.failed.field(element)
 
     def facts(self) -> list[Fact]:
@@ -133,7 +133,7 @@ class KnownSituation:
         return [(Operation.HOLDS, *field) for field in held] + self.priorities.facts()
 
     def fact_count(self) -> int:
-        """Give the number of latched faults and changed priorities: so many announcements make a round."""
+        """Return the number of latched faults and changed priorities: so many announcements make a round."""
         return len(self.failed.elements) + len(self.priorities.facts())
 
     def beat(self) -> None:
@@ -211,7 +211,7 @@ class KnownSituation:
             self._health.quarantine(pe, losses)
 
     def down(self) -> frozenset[str]:
-        """Give the elements that are down, each as `kind:name`.
+        """Return the elements that are down, each as `kind:name`.
 
         The manager's own bus is left out, since a plan without this bus would stop everything.
         """
@@ -268,11 +268,11 @@ class KnownSituation:
         return self.priorities.can_change(function)
 
     def priority_fact(self, function: str) -> Fact:
-        """Give the priority of a function as a fact to announce."""
+        """Return the priority of a function as a fact to announce."""
         return self.priorities.told(self.priorities.index_of(function))
 
     def priority_fact_at(self, index: int) -> Fact:
-        """Give the priority of the function with this index as a fact to announce."""
+        """Return the priority of the function with this index as a fact to announce."""
         return self.priorities.told(index)
 
     def accepted_requests(self, index: int) -> list[PriorityRequest]:

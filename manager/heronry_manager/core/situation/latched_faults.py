@@ -74,16 +74,16 @@ class LatchedFaults:
         return frozenset(self._failed)
 
     def all(self) -> list[LatchedFault]:
-        """Give every latched fault, the oldest first."""
+        """Return every latched fault, the oldest first."""
         return list(self._failed.values())
 
     def element(self, kind: ElementKind, index: int) -> str | None:
-        """Give the element that has this kind and index in an EMCY; None: the spec has no such element."""
+        """Return the element that has this kind and index in an EMCY; None: the spec has no such element."""
         names = self._names.get(kind, ())
         return f"{kind.name.lower()}:{names[index]}" if index < len(names) else None
 
     def where(self, element: str, pe: str, code: FaultCode) -> str:
-        """Give what counts as failed when a PE reports an element: the element, or only a module's place on that PE.
+        """Return what counts as failed when a PE reports an element: the element, or only a module's place on that PE.
 
         Only a module with several possible PEs has places. If it has a place on this PE, only this place counts,
         except in three cases; then the whole module counts:
@@ -102,7 +102,7 @@ class LatchedFaults:
         return element if code not in _FAILED_THERE or second else place
 
     def told(self, a: int, index: int) -> str | None:
-        """Give the element that a CONTROL with the operation CLEAR or HOLDS names; None: the spec has no such element.
+        """Return the element that a CONTROL with CLEAR or HOLDS names; None: the spec has no such element.
 
         a: field a of the CONTROL: the kind of the element, and the node-ID of its place.
         index: index of the element.
@@ -115,7 +115,7 @@ class LatchedFaults:
         return f"{element}@{pe}" if f"{element}@{pe}" in self._places else None
 
     def field(self, element: str) -> tuple[int, int] | None:
-        """Give the fields a and b by which CONTROL names an element.
+        """Return the fields a and b by which CONTROL names an element.
 
         None: it is a channel, which CONTROL cannot name.
         """
@@ -148,5 +148,5 @@ class LatchedFaults:
         return cleared
 
     def _of(self, module: str) -> list[LatchedFault]:
-        """Give the faults that are latched on single places of a module."""
+        """Return the faults that are latched on single places of a module."""
         return [one for one in self._failed.values() if is_place(one.element) and module_of(one.element) == module]

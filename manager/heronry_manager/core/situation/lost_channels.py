@@ -63,7 +63,7 @@ class LostChannels:
             self._forget(key)
 
     def lost_by(self) -> dict[str, list[str]]:
-        """Give, for each channel of a replicated bus, the nodes that hear nothing on it, in the spec's order."""
+        """Return, for each channel of a replicated bus, the nodes that hear nothing on it, in the spec's order."""
         witnesses = (OWN, *self._spec.pes)
         return {
             channel: [by for by in witnesses if (channel, by) in self._told_ns or (by == OWN and channel in self._own)]

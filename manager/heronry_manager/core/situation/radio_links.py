@@ -79,7 +79,7 @@ class LinkRecord:
         return behind >= _LATE
 
     def hold_down_ns(self) -> int:
-        """Give how long an increase of bandwidth must last before plans use it, in nanoseconds."""
+        """Return how long an increase of bandwidth must last before plans use it, in nanoseconds."""
         return self.period_ns * HOLD_DOWN_PERIODS << min(max(0, self.falls - 1), MOST_DOUBLINGS)
 
 
@@ -93,7 +93,7 @@ class RadioLinks:
         self._gateway_nodes = {one.radio.bus: spec.pes[one.radio.gateway].node_id for one in self.records.values()}
 
     def limits(self) -> Mapping[str, Fraction]:
-        """Give the share of bandwidth that plans may use, by `bus:NAME`, for each radio whose share is less than 1."""
+        """Return the share of bandwidth that plans may use, by `bus:NAME`, for each radio where it is less than 1."""
         short = (record for record in self.records.values() if record.step < PER_MILLE)
         return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
 
@@ -173,7 +173,7 @@ class RadioLinks:
 
 
 def _step_below(usable: int) -> int:
-    """Give the share of bandwidth from `STEPS` that plans may use, for the share that a gateway reports, in per mille.
+    """Return the share of bandwidth from `STEPS` that plans may use where a gateway reports this share, in per mille.
 
     It is the largest one that is not above the reported share; from a reported share of 900 on, it is 1000.
     """

@@ -75,7 +75,7 @@ class Suspicions:
         self._told_ns = {key: at_ns for key, at_ns in self._told_ns.items() if at_ns > oldest_ns}
 
     def _carries(self, bus: str) -> str | None:
-        """Give the evidence that a bus carries frames, in words; None: there is none."""
+        """Return the evidence that a bus carries frames, in words; None: there is none."""
         if bus == self._spec.manager.bus:
             return "it has carried the report"
         near = survivors(self._spec, Situation(frozenset({f"bus:{bus}"}))).pe_cpu_millis

@@ -91,7 +91,7 @@ class Compiler:
         return True
 
     def table(self, pe: str) -> PeTable:
-        """Give the table of one PE; it is compiled once, and `identities` uses the same one.
+        """Return the table of one PE; it is compiled once, and `identities` uses the same one.
 
         Raises WireLimitError if the spec exceeds a limit of the wire (`heronry_dg.wire_limits`).
         """
@@ -163,7 +163,7 @@ class Compiler:
         return uplink in ways and len(ways) > 1
 
     def _period_ns(self, module: str, variable: str) -> int:
-        """Give the longest period in ns with which a module sends a variable, over its modes that give the variable."""
+        """Return the longest period in ns with which a module sends a variable, over the modes that give it."""
         modes = self._spec.modules[module].modes.values()
         return 10**12 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
 
@@ -213,7 +213,7 @@ class Compiler:
         return any(module.name in function.outputs for function in self._spec.functions.values())
 
     def _without_manager(self, configuration: Configuration) -> frozenset[str]:
-        """Give the modules that their PE stops while it hears no manager, by the policy that the spec states."""
+        """Return the modules that their PE stops while it hears no manager, by the policy that the spec states."""
         keeps = self._spec.manager.without_manager == "keep"
         return frozenset() if keeps else expendable(self._spec, configuration)
 
@@ -236,7 +236,7 @@ class Compiler:
         return Slice(tuple(modules), remote, publish, forward, stops_here)
 
     def _traffic(self, configuration: Configuration, pe: str) -> tuple[dict[int, int], dict[int, tuple[int, int]]]:
-        """Give what a PE publishes and what it forwards, both by index of the source.
+        """Return what a PE publishes and what it forwards, both by index of the source.
 
         Published: the ports on which the PE sends the source, as a mask. Forwarded: the node-ID of the producing PE,
         and the mask of the ports on which this PE sends the source on.
@@ -285,7 +285,7 @@ def _says_of_its_driver(device: Device) -> bool:
 
 
 def _fastest_period_ns(spec: Spec, device: Device) -> int:
-    """Give the shortest period in ns of the modules on a device, in any mode; a second if there is none."""
+    """Return the shortest period in ns of the modules on a device, in any mode; a second if there is none."""
     rates = (
         mode.rate_mhz
         for module in spec.modules.values()

@@ -51,11 +51,11 @@ class ContingencyNumbers:
         self._held = {one.pe: one.held for one in held}
 
     def number(self, configuration: Configuration) -> int:
-        """Give the number by which PREPARE can name a configuration; 0: it has none."""
+        """Return the number by which PREPARE can name a configuration; 0: it has none."""
         return self._numbers.get(self._code.encode(configuration), 0)
 
     def configuration(self, number: int) -> Configuration | None:
-        """Give the configuration with this number; None: there is none."""
+        """Return the configuration with this number; None: there is none."""
         return self._called[number - 1] if 0 < number <= len(self._called) else None
 
     def holds(self, pe: str, number: int) -> bool:
@@ -67,12 +67,12 @@ class ContingencyNumbers:
         return 0 < number <= self._held[pe]
 
     def status(self) -> dict[str, Any]:
-        """Give how many plans were made ahead (`plans`), and of how many each PE has its slice (`on_board`, by PE)."""
+        """Return how many plans were made ahead (`plans`), and for how many a PE has its slice (`on_board`, by PE)."""
         return {"plans": len(self._called), "on_board": dict(self._held)}
 
 
 def on_board(spec: Spec, made: Contingencies) -> list[OnBoard]:
-    """Give the slices of contingencies for every PE: as many as its table has room for."""
+    """Return the slices of contingencies for every PE: as many as its table has room for."""
     compiler = Compiler(spec)
     compiled = [compiler.configuration(one) for one in made.configurations[:MOST_NUMBERS]]
     return [

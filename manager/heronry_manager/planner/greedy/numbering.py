@@ -55,7 +55,7 @@ def numbered(spec: Spec) -> Numbering:
 
 
 def element_numbers(numbers: Numbering) -> dict[str, tuple[str, int]]:
-    """Give (kind, number) of every element that can be down, by the name of the element.
+    """Return (kind, number) of every element that can be down, by the name of the element.
 
     A channel has the number of its bus. A place has the number M * P + N: M is the number of the module, N the number
     of the PE, and P the count of all PEs.

@@ -63,7 +63,7 @@ class Greedy:
 
 
 def _closed(spec: Spec, phase: str | None) -> frozenset[tuple[str, str, str]]:
-    """Give the inputs (module, mode, path) that must not be wired in a phase."""
+    """Return the inputs (module, mode, path) that must not be wired in a phase."""
     return frozenset(
         (module.name, mode.name, path)
         for module in spec.modules.values()

@@ -220,7 +220,7 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Give the response time of a source on one bus in ns: an upper bound or, with `is_jitter`, the exact value.
+        """Return the response time of a source on one bus in ns: an upper bound or, with `is_jitter`, the exact value.
 
         0: the source is late. None in three cases:
 

@@ -77,7 +77,7 @@ class Repair:
         self._sweep()
 
     def score(self) -> int:
-        """Give the value of the draft at levels 1 and 2 as one number; a greater one is better."""
+        """Return the value of the draft at levels 1 and 2 as one number; a greater one is better."""
         return self._wanted.score(self.draft.mode)
 
     def unserved(self) -> list[Goal]:

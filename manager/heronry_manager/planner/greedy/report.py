@@ -14,7 +14,7 @@ from heronry_manager.planner.greedy.wanted import Wanted
 
 
 def plan_of(draft: Draft, tables: Tables, wanted: Wanted, now: Situation, running: Placement | None) -> Plan:
-    """Give the plan of a draft, in the names of the spec; the plan is not proven to be the best."""
+    """Return the plan of a draft, in the names of the spec; the plan is not proven to be the best."""
     configuration = configuration_of(draft, tables)
     objective = _objective(draft, tables, wanted, configuration, running)
     return Plan(
@@ -29,7 +29,7 @@ def plan_of(draft: Draft, tables: Tables, wanted: Wanted, now: Situation, runnin
 
 
 def configuration_of(draft: Draft, tables: Tables) -> Configuration:
-    """Give the configuration of a draft in the names of the spec."""
+    """Return the configuration of a draft in the names of the spec."""
     feeder, modes, numbers, leaves = draft.feeder, draft.mode, tables.numbers, tables.leaves
     running = {}
     for module, mode in enumerate(modes):

@@ -54,7 +54,7 @@ class Scenery:
         self._possible = self._shrunk(placeable, placeable)
 
     def scene(self, now: Situation) -> Scene:
-        """Give the scene of a situation: what can be used in it."""
+        """Return the scene of a situation: what can be used in it."""
         tables = self._tables
         down, modules = self._down(now)
         pes, hosts = self._pes, self._hosts(now)
@@ -151,7 +151,7 @@ class Scenery:
         return self._shrunk(possible, touched & possible)
 
     def _shrunk(self, possible: int, touched: int) -> int:
-        """Give `possible` without the modes whose needs cannot be met by the modes that are left.
+        """Return `possible` without the modes whose needs cannot be met by the modes that are left.
 
         possible: a set of modes, as the bits of an integer. touched: the modes to check first, likewise.
         """

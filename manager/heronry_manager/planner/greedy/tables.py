@@ -39,7 +39,7 @@ class Tables:
     _wanted: dict[str | None, Wanted] = field(default_factory=dict)
 
     def wanted(self, now: Situation) -> Wanted:
-        """Give the wanted functions of a situation, with their priorities.
+        """Return the wanted functions of a situation, with their priorities.
 
         The result for a phase with the spec's own priorities is computed once and kept. Results for changed priorities
         are not kept, since there may be any number of such changes.

@@ -38,7 +38,7 @@ class Wanted:
     utility_bound: int  # level 2 is less than this: weight = critical classes * utility_bound + utility
 
     def score(self, modes: Sequence[int]) -> int:
-        """Give the value at levels 1 and 2 as one number; `modes`: the mode of each module, -1 if it does not run."""
+        """Return the value at levels 1 and 2 as one number; `modes`: the mode of each module, -1 if it does not run."""
         weight = self.weight
         return sum(weight[modes[module]] for module in self.output_modules if modes[module] >= 0)
 
@@ -94,7 +94,7 @@ class _Appraiser:
         return [mode for name in function.outputs for mode in numbers.modes_of[numbers.module_number[name]]]
 
     def utility(self, function: Function, mode: int) -> int:
-        """Give the points that `mode` adds to level 2 by serving a function; 0: this mode does not serve it."""
+        """Return the points that `mode` adds to level 2 by serving a function; 0: this mode does not serve it."""
         numbers, module = self._numbers, self._numbers.module_of[mode]
         if numbers.modules[module].name not in function.outputs:
             return 0
@@ -103,7 +103,7 @@ class _Appraiser:
 
 
 def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
-    """Give the key by which functions are sorted, the most important one first.
+    """Return the key by which functions are sorted, the most important one first.
 
     The key has three parts: the class; the priority of a critical function, 0 for any other; the priority divided
     by the price of the cheapest mode of the function.
@@ -116,7 +116,7 @@ def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
 
 
 def _class_weights(goals: Sequence[Goal]) -> list[int]:
-    """Give the weight of each class, A to E; E has weight 0.
+    """Return the weight of each class, A to E; E has weight 0.
 
     For each served function, weight is multiplied by priority, and the products are added. Of two plans, that with
     the greater sum is the better one at level 1.

@@ -61,7 +61,7 @@ class ObjectDictionary:
         require(writers == writable, "writers for objects that are read-only: {}", writers - writable)
 
     def read(self, index: int, sub_index: int) -> bytes | Abort:
-        """Give the bytes of an object's value, or the reason why it cannot be read."""
+        """Return the bytes of an object's value, or the reason why it cannot be read."""
         variable = self._variable(index, sub_index)
         if isinstance(variable, Abort):
             return variable

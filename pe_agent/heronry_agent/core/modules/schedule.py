@@ -243,7 +243,7 @@ class Schedule:
             del self._steps[grid.partition]
 
     def _release_ns(self, grid: _Grid) -> int:
-        """Give the time in ns until which a module waits for its step.
+        """Return the time in ns until which a module waits for its step.
 
         This is the time at which the step is due. `patience_ns` of the module is added while the module waits for
         another module whose outputs it reads.

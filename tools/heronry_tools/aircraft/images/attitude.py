@@ -86,7 +86,7 @@ class AttitudeFilter(Module):
 
 
 def _gravity_deg(inputs: Inputs) -> tuple[float, float] | None:
-    """Give the pitch and roll in degrees that the accelerations show.
+    """Return the pitch and roll in degrees that the accelerations show.
 
     None if the longitudinal or the lateral acceleration is missing.
     """

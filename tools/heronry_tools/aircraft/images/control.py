@@ -58,7 +58,7 @@ class Pid:
         self._sum_deg_s = held(self._sum_deg_s + error_deg * period_s, self.trim_deg / self.integral)
 
     def output_deg(self, error_deg: float, rate_deg_per_s: float, gain: float = 1.0) -> float:
-        """Give the angle of the surface in degrees, within +-`limit_deg`.
+        """Return the angle of the surface in degrees, within +-`limit_deg`.
 
         error_deg: demanded minus present attitude.
         rate_deg_per_s: present rate of the attitude.
@@ -115,7 +115,7 @@ class PitchControl(Module):
 
 
 def _gain(speed_m_per_s: float | None) -> float:
-    """Give the factor by which the gain differs from the gain at the best glide.
+    """Return the factor by which the gain differs from the gain at the best glide.
 
     The factor is 1 if the airspeed is unknown (None) or below `_LEAST_FLOW_M_PER_S`.
     """

@@ -114,7 +114,7 @@ def _flares(inputs: Inputs) -> bool:
 
 
 def _bank_per_deg(inputs: Inputs) -> float:
-    """Give the bank in degrees that is commanded per degree of turn.
+    """Return the bank in degrees that is commanded per degree of turn.
 
     This bank is larger at a high true airspeed, at which a bank turns the aircraft more slowly.
     """
@@ -152,7 +152,7 @@ class OrbitAutopilot(Module):
         return {"pitch_command": self._pitch_deg(altitude_m, attitude[1] / 100.0), "roll_command": roll_deg}
 
     def _pitch_deg(self, altitude_m: float, roll_deg: float) -> float:
-        """Give the commanded pitch: the higher the aircraft, the steeper the glide; in a bank the nose is raised."""
+        """Return the commanded pitch: the higher the aircraft, the steeper the glide; in a bank the nose is raised."""
         height_km = max(altitude_m - HOME_ALTITUDE_M, 0.0) / 1000.0
         glide_deg = max(BEST_GLIDE_PITCH_DEG - 0.2 * height_km, _STEEPEST_PITCH_DEG)
         return glide_deg + 1.5 * (1.0 - math.cos(math.radians(held(roll_deg, 60.0))))

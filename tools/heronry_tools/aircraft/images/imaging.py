@@ -28,12 +28,12 @@ _PER_DEGREE = 32_768.0
 
 
 def pixel_word(frame: int, index: int) -> int:
-    """Give the payload (24 bits: three grey pixels) of the test pattern at `index` of the picture `frame`."""
+    """Return the payload (24 bits: three grey pixels) of the test pattern at `index` of the picture `frame`."""
     return (frame * 2_654_435_761 + index * 40_503) & _PAYLOAD_MASK
 
 
 def word(index: int, payload: int) -> int:
-    """Give the 32-bit word with this index and payload."""
+    """Return the 32-bit word with this index and payload."""
     return index << 24 | payload & _PAYLOAD_MASK
 
 

@@ -65,7 +65,7 @@ class NumberSensor(SensorDriver):
     variable: ClassVar[str]
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give the number as the value of `variable`; None if the reading is not a number."""
+        """Return the number as the value of `variable`; None if the reading is not a number."""
         return {self.variable: float(raw)} if isinstance(raw, (int, float)) else None
 
 
@@ -123,7 +123,7 @@ class Horizon(SensorDriver):
     """The horizon sensor (thermopiles): a pair of contrasts, along and across the aircraft, in counts."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give both contrasts, along and across the aircraft, in counts limited to -32767..32767 (SHORT).
+        """Return both contrasts, along and across the aircraft, in counts limited to -32767..32767 (SHORT).
 
         None if the reading is not a pair.
         """
@@ -190,7 +190,7 @@ class Camera(SensorDriver):
     """Publishes how many frames the camera has taken since it was switched on."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give the number of frames that the camera has taken, modulo 2^32; None if the reading is no int."""
+        """Return the number of frames that the camera has taken, modulo 2^32; None if the reading is no int."""
         return {"frame_count": raw & _ULONG_MASK} if isinstance(raw, int) else None
 
 
@@ -198,7 +198,7 @@ class CommandReceiver(SensorDriver):
     """Two commands: open the parachute, cut the balloon's line; 1 is yes."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give the command to open the parachute and the command to cut the line, each as 0 or 1.
+        """Return the command to open the parachute and the command to cut the line, each as 0 or 1.
 
         None if the reading is not a pair.
         """
@@ -215,5 +215,5 @@ class ChuteReceiver(SensorDriver):
     """The receiver of the aircraft `elevator_and_chute`; its only command opens the parachute (1) or not (0)."""
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give the command as 0 or 1; None if the reading is not a number."""
+        """Return the command as 0 or 1; None if the reading is not a number."""
         return {"release_command": int(raw != 0)} if isinstance(raw, (int, float)) else None

@@ -70,7 +70,7 @@ class SurfaceMonitor(Module):
         self._followed_since_accused = True
 
     def working_servo(self, inputs: Inputs) -> int:
-        """Give the number (1 or 2) of the servo that is driven."""
+        """Return the number (1 or 2) of the servo that is driven."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
@@ -129,7 +129,7 @@ class ElevatorMonitor(SurfaceMonitor):
     health = "servo_health"
 
     def working_servo(self, inputs: Inputs) -> int:
-        """Give the version of the command, which is the number of the servo that is driven."""
+        """Return the version of the command, which is the number of the servo that is driven."""
         return inputs[self.command].version
 
 
@@ -144,5 +144,5 @@ class ServoMonitor(SurfaceMonitor):
     delay_ns = _DELAY_WITHOUT_ECHO_NS
 
     def working_servo(self, inputs: Inputs) -> int:  # noqa: ARG002 (its inputs do not say)
-        """Give the number of the servo that counts as driven: 2 after servo 1 was reported, 1 before."""
+        """Return the number of the servo that counts as driven: 2 after servo 1 was reported, 1 before."""
         return 2 if 1 in self._accused else 1

@@ -47,7 +47,7 @@ def _centidegrees(angle_deg: float) -> int:
 
 
 def _status(inputs: Inputs) -> tuple[int, ...]:
-    """Give the four bytes of status; a byte is 255 where its value is missing.
+    """Return the four bytes of status; a byte is 255 where its value is missing.
 
     The bytes are the stage of the mission, the state of the wings, the health of the servos, and the battery in 0.1 V.
     """
@@ -70,7 +70,7 @@ class LineWriter(Module):
         return {}
 
     def more_words(self, inputs: Inputs) -> list[str]:  # noqa: ARG002 (subclasses may have some)
-        """Give further words of the line, for inputs that are not single numbers: none, unless a subclass has some."""
+        """Return further words of the line, for inputs that are no single numbers: none, unless a subclass has some."""
         return []
 
 
@@ -103,7 +103,7 @@ class GroundDisplay(LineWriter):
     )
 
     def more_words(self, inputs: Inputs) -> list[str]:
-        """Give pitch and roll in degrees, and those of the four status bytes whose value is known.
+        """Return pitch and roll in degrees, and those of the four status bytes whose value is known.
 
         The status bytes are stage, wings, servos and battery. An input that is missing gives no words.
         """

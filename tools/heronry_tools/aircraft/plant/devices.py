@@ -153,7 +153,7 @@ def _gps(surroundings: Surroundings) -> tuple[int, ...]:
 
 
 def _pressure(bias_hpa: float) -> Sensor:
-    """Give the function that reads a static pressure transducer with this bias, in hPa."""
+    """Return the function that reads a static pressure transducer with this bias, in hPa."""
 
     def read(surroundings: Surroundings) -> float:
         return max(surroundings.with_noise(atmosphere.pressure_hpa(surroundings.now.altitude_m) + bias_hpa, 0.02), 0.0)
@@ -166,7 +166,7 @@ def _pitot(surroundings: Surroundings) -> float:
 
 
 def _angle_of(mechanism: str) -> Sensor:
-    """Give a function that reads the potentiometer on a surface: the surface's angle in degrees."""
+    """Return a function that reads the potentiometer on a surface: the surface's angle in degrees."""
 
     def read(surroundings: Surroundings) -> float:
         return surroundings.with_noise(surroundings.position(mechanism), 0.05)
@@ -193,7 +193,7 @@ def _camera(surroundings: Surroundings) -> int:
 
 
 def _commands(surroundings: Surroundings) -> tuple[int, ...]:
-    """Give the two commands of the mission, each 0 or 1: release the parachute, and cut the balloon's line.
+    """Return the two commands of the mission, each 0 or 1: release the parachute, and cut the balloon's line.
 
     The command to release the parachute is always 0. The command to cut the line is 0 before CUTDOWN_S, and 1
     from then on.
@@ -227,7 +227,7 @@ SENSORS: Mapping[str, Sensor] = {
 
 
 def felt_by(device: str) -> frozenset[str]:
-    """Give the names of the mechanisms on which a device's reading depends."""
+    """Return the names of the mechanisms on which a device's reading depends."""
     felt: set[str] = set()
 
     def feel(mechanism: str) -> float:
@@ -239,6 +239,6 @@ def felt_by(device: str) -> frozenset[str]:
 
 
 def reading(surroundings: Surroundings) -> Value:
-    """Give the reading of a healthy device; 0.0 for a device that is not in `SENSORS`."""
+    """Return the reading of a healthy device; 0.0 for a device that is not in `SENSORS`."""
     sensor = SENSORS.get(surroundings.device)
     return sensor(surroundings) if sensor is not None else 0.0

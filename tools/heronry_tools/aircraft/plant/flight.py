@@ -149,12 +149,12 @@ class Moment:
 
 
 def moment(time_ns: int) -> Moment:
-    """Give the state of the aircraft at a time (ns after take-off); before take-off it stands on the field."""
+    """Return the state of the aircraft at a time (ns after take-off); before take-off it stands on the field."""
     return Moment(max(time_ns, 0) / NS_PER_S)
 
 
 def wing_pressure_hpa(time_ns: int) -> float:
-    """Give the pressure in the wings (hPa) at a time (ns after take-off), if no module has moved the valve so far."""
+    """Return the pressure in the wings (hPa) at a time (ns after take-off), if no module has moved the valve so far."""
     return _WING_PRESSURE_HPA.at(max(time_ns, 0) / NS_PER_S)
 
 

@@ -17,7 +17,7 @@ class PlantOfDevices(Protocol):
     """A plant: a physical world that devices read and move."""
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Give the present reading of a device; None if it does not answer. An actuator gives its last command."""
+        """Return the present reading of a device; None if it does not answer. An actuator gives its last command."""
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
         """Move an actuator; returns the position that it takes, for the echo, or None if it does not move."""
@@ -26,7 +26,7 @@ class PlantOfDevices(Protocol):
         """Take the safe action of an actuator that no module drives any more."""
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
-        """Give the actuators that change what these sensors measure.
+        """Return the actuators that change what these sensors measure.
 
         A plant with these sensors needs the output echoes of those actuators that are on other PEs.
         """
@@ -52,7 +52,7 @@ class PlantDevice:
         self._plant, self._name, self._clock = plant, name, clock
 
     def read(self, now_ns: int) -> Reading:
-        """Give the present reading, valid unless the device does not answer."""
+        """Return the present reading, valid unless the device does not answer."""
         value = self._plant.read(self._name, now_ns if self._clock is None else self._clock())
         return Reading(value, now_ns, value is not None)
 

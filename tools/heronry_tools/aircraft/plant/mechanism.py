@@ -30,7 +30,7 @@ class Mechanism:
         self._target, self._pushed_ns = target, now_ns
 
     def rate_per_s(self, now_ns: int, resting: float) -> float:
-        """Give the present rate of motion, in units of the position per second; 0 before the first push.
+        """Return the present rate of motion, in units of the position per second; 0 before the first push.
 
         resting: the position before the first push.
         """
@@ -39,7 +39,7 @@ class Mechanism:
         return (self._target - self.position(now_ns, resting)) / self._lag_s()
 
     def position(self, now_ns: int, resting: float) -> float:
-        """Give the present position; `resting` is the position before the first push."""
+        """Return the present position; `resting` is the position before the first push."""
         if self._pushed_ns is None:
             return resting
         elapsed_s = max(now_ns - self._pushed_ns, 0) / NS_PER_S

@@ -16,7 +16,7 @@ _ONE_SIGMA = math.sqrt(3.0 / _DRAWS)
 
 
 def noise(name: str, now_ns: int) -> float:
-    """Give a nearly normal value with mean 0 and standard deviation 1, never beyond 3.5.
+    """Return a nearly normal value with mean 0 and standard deviation 1, never beyond 3.5.
 
     The same name and time give the same value in every process.
     """

@@ -60,11 +60,11 @@ class Plant:
         }
 
     def open(self, name: str) -> PlantDevice:
-        """Give the object through which a device driver reads or moves a device."""
+        """Return the object through which a device driver reads or moves a device."""
         return PlantDevice(self, name)
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """Give the present reading of a device; None if it does not answer. An actuator gives its last command."""
+        """Return the present reading of a device; None if it does not answer. An actuator gives its last command."""
         fault = self._faults.get(device)
         if fault is None:
             return self._healthy_reading(device, now_ns)
@@ -100,7 +100,7 @@ class Plant:
 
     @staticmethod
     def follows(sensors: Iterable[str]) -> frozenset[str]:
-        """Give the actuators that change what these sensors measure.
+        """Return the actuators that change what these sensors measure.
 
         A plant with these sensors needs the output echoes of those actuators that are on other PEs.
         """
@@ -108,7 +108,7 @@ class Plant:
         return frozenset(actuator for actuator, pushed in PUSHED_BY.items() if not felt.isdisjoint(pushed))
 
     def position(self, device: str) -> Value | None:
-        """Give the last command to an actuator, by `write` or `heard`; None if there was none."""
+        """Return the last command to an actuator, by `write` or `heard`; None if there was none."""
         return self._positions.get(device)
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:

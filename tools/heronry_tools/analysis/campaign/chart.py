@@ -27,11 +27,11 @@ class Chart:
         self._parts = [f'<text class="faint" {place}>{escape(horizontal)}</text>']
 
     def x(self, share: float) -> float:
-        """Give the horizontal place, in pixels, of a share of the horizontal axis."""
+        """Return the horizontal place, in pixels, of a share of the horizontal axis."""
         return _LEFT + (_WIDTH - _LEFT - self._right) * share
 
     def y(self, share: float) -> float:
-        """Give the vertical place, in pixels, of a share of the vertical axis, which points up."""
+        """Return the vertical place, in pixels, of a share of the vertical axis, which points up."""
         return _HEIGHT - _BOTTOM - (_HEIGHT - _TOP - _BOTTOM) * share
 
     def grid_line(self, share: float, label: str) -> None:

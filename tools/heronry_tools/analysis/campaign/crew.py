@@ -52,7 +52,7 @@ def solved(task: Task) -> list[Outcome]:
 
 
 def _planner(spec: Spec) -> "Planner":
-    """Give a planner for a spec; this process keeps the planner until it needs one for another spec."""
+    """Return a planner for a spec; this process keeps the planner until it needs one for another spec."""
     from heronry_manager.planner.exact import Planner  # noqa: PLC0415 - verifying alone needs no solver
 
     if not _warm or _warm[0].spec != spec:

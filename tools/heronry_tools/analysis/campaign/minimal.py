@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 
 def minimal(sets: Iterable[frozenset[str]]) -> list[frozenset[str]]:
-    """Give each set that contains none of the others. Smaller sets come first; sets of equal size keep their order."""
+    """Return each set that contains none of the others, smaller ones first; sets of equal size keep their order."""
     found: list[frozenset[str]] = []
     for one in sorted(dict.fromkeys(sets), key=len):
         if not any(known < one for known in found):

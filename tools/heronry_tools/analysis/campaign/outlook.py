@@ -65,7 +65,7 @@ class Outlook:
 def outlook(
     spec: Spec, scope: Scope, phase: Phase, outcomes: Mapping[tuple[Phase, FaultSet], Outcome]
 ) -> Outlook | None:
-    """Give the outlook of a phase; None if the spec says of no element of the scope how likely it fails."""
+    """Return the outlook of a phase; None if the spec says of no element of the scope how likely it fails."""
     known = hazards(spec).among(scope.elements)
     if not known.known():
         return None
@@ -108,7 +108,7 @@ def _utilities(plans: Sequence[Outcome], chances: Sequence[float]) -> tuple[tupl
 
 
 def _most_utility(spec: Spec, phase: Phase, wanted: list[Function]) -> int:
-    """Give a utility that no plan of a phase exceeds: every wanted function in its best mode."""
+    """Return a utility that no plan of a phase exceeds: every wanted function in its best mode."""
     modes = {f.name: max(len(spec.modules[output].modes) for output in f.outputs) for f in wanted}
     return sum(
         f.priority_in(phase) * max(f.value_of(index, modes[f.name]) for index in range(modes[f.name])) for f in wanted
@@ -144,7 +144,7 @@ class _Losing:
     logic: Reliability | None
 
     def loss(self, moment: _Moment) -> Bounds:
-        """Give bounds of the probability that the function is lost within the hours of a moment."""
+        """Return bounds of the probability that the function is lost within the hours of a moment."""
         decided = fsum(moment.chances[number] for number in self.sets)
         low = decided
         if self.logic is not None:  # it loses larger sets, too

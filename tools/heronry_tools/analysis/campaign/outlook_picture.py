@@ -42,7 +42,7 @@ def outlook_picture(outlook: Outlook) -> str:
 
 
 def falls_below(outlook: Outlook) -> list[tuple[int, float]]:
-    """Give (utility, an upper bound of the probability that the utility falls below it), the smallest utility first."""
+    """Return (utility, an upper bound of the probability that it falls below that), the smallest utility first."""
     below, found = outlook.beyond, list[tuple[int, float]]()
     for utility, chance in reversed(outlook.utilities):
         found.append((utility, below))

@@ -53,12 +53,12 @@ def _phase_lines(one: PhaseSurvey) -> Iterator[str]:
 
 
 def likely_heads(one: PhaseSurvey) -> tuple[str, ...]:
-    """Give the heads of the columns that say how likely a function is lost."""
+    """Return the heads of the columns that say how likely a function is lost."""
     return ("loss",) if one.outlook is None else (f"lost within {one.outlook.hours:g} h", "mean time to loss")
 
 
 def likely_cells(one: PhaseSurvey, function: str) -> tuple[str, ...]:
-    """Give the cells of these columns, each of which says what its number is; `-` where nothing is known."""
+    """Return the cells of these columns, each of which says what its number is; `-` where nothing is known."""
     if one.outlook is None:
         return ("-",)
     mean = one.outlook.mean_times_h.get(function)
@@ -157,7 +157,7 @@ def _loss_json(outlook: Outlook | None, function: str) -> dict[str, object]:
 
 
 def _curve_json(outlook: Outlook, function: str) -> list[dict[str, float | None]]:
-    """Give R(t), with its bounds, at the times of the curve."""
+    """Return R(t), with its bounds, at the times of the curve."""
     return [
         {"hours": time, "at_least": None if loss.high is None else 1.0 - loss.high, "at_most": 1.0 - loss.low}
         for time, loss in outlook.curves[function]

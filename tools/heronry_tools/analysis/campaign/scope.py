@@ -14,7 +14,7 @@ MOST_SETS: Final = 10_000_000  # a day or two of planning
 
 
 def scope_of(spec: Spec, arguments: argparse.Namespace, *, places: bool = False) -> Scope:
-    """Give the scope that the command line describes; raises UserError if the value of an option cannot be used.
+    """Return the scope that the command line describes; raises UserError if the value of an option cannot be used.
 
     places: whether each place that the fault-free plan of a phase uses may fail, too. This has an effect only
         if modules are among the kinds of elements that may fail.
@@ -30,7 +30,7 @@ def scope_of(spec: Spec, arguments: argparse.Namespace, *, places: bool = False)
 
 
 def phases_of(spec: Spec) -> tuple[str | None, ...]:
-    """Give the phases that are planned ahead: those that the spec's `contingency` names, by default all phases.
+    """Return the phases that are planned ahead: those that the spec's `contingency` names, by default all phases.
 
     (None,) for a spec without phases.
     """
@@ -47,7 +47,7 @@ def feasible(scope: Scope) -> Scope:
 
 
 def jobs_of(arguments: argparse.Namespace) -> int:
-    """Give the number of processes that make plans; raises UserError if `--jobs` is less than 1."""
+    """Return the number of processes that make plans; raises UserError if `--jobs` is less than 1."""
     jobs = cpus() if arguments.jobs is None else int(arguments.jobs)
     if jobs < 1:
         raise UserError(f"--jobs {jobs}: at least one process must plan")
@@ -55,7 +55,7 @@ def jobs_of(arguments: argparse.Namespace) -> int:
 
 
 def cpus() -> int:
-    """Give the number of CPUs that this process may use."""
+    """Return the number of CPUs that this process may use."""
     return len(os.sched_getaffinity(0))
 
 

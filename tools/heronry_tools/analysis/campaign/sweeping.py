@@ -69,7 +69,7 @@ def numbered(spec: Spec, scope: Scope, swept: Sweep) -> Contingencies:
 
 
 def partial_of(file: Path) -> Path:
-    """Give the journal of a contingency file: the file in which a run keeps its plans until the run is complete."""
+    """Return the journal of a contingency file: the file in which a run keeps its plans until the run is complete."""
     return file.with_name(f"{file.name}.partial")
 
 

@@ -159,7 +159,7 @@ def _voter(dependence: Dependence, findings: Findings, place: Place, module: Mod
 
 
 def _gate_place(subject: Subject, module: Module, mode: str, path: str) -> Place:
-    """Give the place in the file of the first input of a gate."""
+    """Return the place in the file of the first input of a gate."""
     below = [at == path or at.startswith(f"{path}." if path else "") for at, _ in module.modes[mode].leaves()]
     return subject.leaf_places(module.name, mode)[below.index(True)]
 
@@ -191,7 +191,7 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
 
 
 def _bound_together(spec: Spec) -> dict[str, str]:
-    """Give a group for each module: modules that `together` binds, directly or through others, have the same group."""
+    """Return a group for each module: modules that `together` binds, directly or through others, share one."""
     bound = {name: name for name in spec.modules}
     for group in spec.together:
         joined = {bound[name] for name in group}

@@ -92,7 +92,7 @@ def _publish(
 
 
 def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _Versions]:
-    """Give the variables that every module of `readers` needs in every one of its possible modes.
+    """Return the variables that every module of `readers` needs in every one of its possible modes.
 
     Each variable has the best and the worst version that any of these modes accepts.
     """
@@ -101,7 +101,7 @@ def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _
 
 
 def _needed(needs: Expression | None) -> dict[str, _Versions]:
-    """Give the variables without which a gate expression cannot hold.
+    """Return the variables without which a gate expression cannot hold.
 
     Each has the best and the worst version that the expression accepts.
     """

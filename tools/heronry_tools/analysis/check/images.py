@@ -82,7 +82,7 @@ def _why_absent(image: str, folder: Path) -> str | None:
 
 
 def _with_colon(image: str, folder: Path) -> str | None:
-    """Give `package.module:Class` for `package.module.Class`, if the package is here or the class has a capital."""
+    """Return `package.module:Class` for `package.module.Class`, if the package is here or the class has a capital."""
     module, _, name = image.rpartition(".")
     if ":" in image or not module or not (name[:1].isupper() or _is_here(image, folder)):
         return None

@@ -50,7 +50,7 @@ def lost_plants(planning: Planning) -> Iterator[Loss]:
 
 
 def _on_path(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """Give the plants of class A and B that a configuration has on a control path."""
+    """Return the plants of class A and B that a configuration has on a control path."""
     graph = plan_graph(spec, configuration)
     found = loops(graph)
     return frozenset(

@@ -59,7 +59,7 @@ class Dependence:
                 self._lost_with.setdefault(lost, []).append(element)
 
     def of_ends(self, demux: Demux) -> frozenset[str]:
-        """Give the elements whose loss stops all ends of a DEMUX, but leaves all that the DEMUX needs.
+        """Return the elements whose loss stops all ends of a DEMUX, but leaves all that the DEMUX needs.
 
         The set is empty if some end cannot run even with everything up.
         """
@@ -91,7 +91,7 @@ class Dependence:
         return listed(f"{kind} '{name}'" for kind, _, name in named)
 
     def _of(self, needs: Expression, reader: Module) -> frozenset[str]:
-        """Give the elements whose loss keeps an expression from holding, but leaves a PE that can run `reader`.
+        """Return the elements whose loss keeps an expression from holding, but leaves a PE that can run `reader`.
 
         reader: the module that has the expression.
         """
@@ -101,7 +101,7 @@ class Dependence:
         return silent - self._where(silent, lambda found: not found.left.hosts(reader))
 
     def _losing(self, modes: Iterable[tuple[str, str]]) -> frozenset[str]:
-        """Give the elements without which at least one of these modes cannot run.
+        """Return the elements without which at least one of these modes cannot run.
 
         modes: pairs (name of a module, name of a mode).
         """
@@ -118,7 +118,7 @@ def _chooses(gate: Gate) -> bool:
 
 
 def independent(inputs: Sequence[frozenset[str]]) -> int:
-    """Give the largest number of inputs, up to three, of which no two depend on the same element."""
+    """Return the largest number of inputs, up to three, of which no two depend on the same element."""
 
     def most(left: Sequence[frozenset[str]], wanted: int) -> int:
         best = 0
@@ -131,7 +131,7 @@ def independent(inputs: Sequence[frozenset[str]]) -> int:
 
 
 def shared_pair(inputs: Sequence[frozenset[str]]) -> tuple[int, int]:
-    """Give the indices of the first two inputs that depend on the same element; there must be two such inputs."""
+    """Return the indices of the first two inputs that depend on the same element; there must be two such inputs."""
     return next(
         (first, second)
         for first in range(len(inputs))

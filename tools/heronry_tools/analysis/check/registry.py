@@ -26,7 +26,7 @@ from heronry_tools.analysis.check import dependability_rules, driver_rules, imag
 
 
 def _slow(module: str) -> Check:
-    """Give the check of a slow family of rules; the file of the check is imported only when the check is called."""
+    """Return the check of a slow family of rules; the file of the check is imported only when the check is called."""
 
     def check(subject: Subject, findings: Findings) -> None:
         import_module(f"heronry_tools.analysis.check.{module}").check(subject, findings)
@@ -56,6 +56,6 @@ RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, 
 
 
 def checks_of(*, fast: bool) -> dict[str, Check]:
-    """Give the checks by the prefix of their codes; with `fast`, only checks without solver and foreign code."""
+    """Return the checks by the prefix of their codes; with `fast`, only checks without solver and foreign code."""
     slow = {family.prefix for family in FAMILIES if not family.fast}
     return {prefix: check for prefix, check in CHECKS.items() if not (fast and prefix in slow)}

@@ -57,7 +57,7 @@ class Choices:
         self.of_all: tuple[object, ...] = (what_is_left(healthy), frozenset())
 
     def without(self, element: str) -> object:
-        """Give the choices without an element; equal values of two elements mean equal choices.
+        """Return the choices without an element; equal values of two elements mean equal choices.
 
         The loss of a module or device leaves all choices but those of some modules: the value names these modules.
         """
@@ -106,7 +106,7 @@ def single_elements(spec: Spec) -> Iterator[str]:
 
 
 def _served(planning: Planning) -> tuple[dict[Phase, frozenset[str]], frozenset[Phase]]:
-    """Give the critical functions that each phase's best plan serves with everything up, and the crowded phases."""
+    """Return the critical functions that each phase's best plan serves with everything up, and the crowded phases."""
     by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
     possible = {phase: planning.in_phase(phase).possible(names) for phase, names in by_phase.items()}
     together = frozenset[str]().union(*possible.values())
@@ -125,7 +125,7 @@ def _served(planning: Planning) -> tuple[dict[Phase, frozenset[str]], frozenset[
 def _lost_by_phase(
     planning: Planning, critical: Mapping[Phase, frozenset[str]], crowded: frozenset[Phase], down: frozenset[str]
 ) -> Lost:
-    """Give what `_lost` gives, for a spec with crowded phases or with inputs that only some phases have."""
+    """Return what `_lost` gives, for a spec with crowded phases or with inputs that only some phases have."""
     each = {
         phase: wanted - planning.in_phase(phase).possible(wanted, down)
         if phase in crowded
@@ -136,7 +136,7 @@ def _lost_by_phase(
 
 
 def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
-    """Give the critical functions that a fault loses, in the spec's order; each with the phases in which it is lost."""
+    """Return the critical functions that a fault loses, in the spec's order, each with the phases where it is lost."""
     possible = planning.possible(frozenset[str]().union(*critical.values()), down)
     gone = {phase: wanted - possible for phase, wanted in critical.items()}
     if not planning.can_serve(possible, down):
@@ -159,14 +159,14 @@ def _differs_by_phase(planning: Planning, by_phase: Mapping[Phase, frozenset[str
 
 
 def _lost_in(planning: Planning, phase: Phase, wanted: frozenset[str], down: frozenset[str]) -> frozenset[str]:
-    """Give the functions in `wanted` that are lost in a phase while the elements in `down` are down."""
+    """Return the functions in `wanted` that are lost in a phase while the elements in `down` are down."""
     possible = planning.possible(wanted, down)
     fits = planning.can_serve(possible, down)
     return wanted - possible if fits else planning.unserved(wanted, phase, down)
 
 
 def device_of(spec: Spec, element: str) -> str:
-    """Give `device:NAME` for an element `module:NAME`, with the name of the module's device.
+    """Return `device:NAME` for an element `module:NAME`, with the name of the module's device.
 
     Gives `device:None` for a module without a device, and an empty text for any element that is no module.
     """

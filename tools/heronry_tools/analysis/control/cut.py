@@ -60,7 +60,7 @@ def least_cut(graph: Graph, first: str | None = None) -> Cut:
 
 
 def _nets(graph: Graph, nodes: Mapping[str, str | None]) -> dict[str, set[str]]:
-    """Give for each port of a weight above 0 the leaves in `nodes` that it joins: its producer and its consumers."""
+    """Return for each port of a weight above 0 the leaves in `nodes` that it joins: its producer and its consumers."""
     nets: dict[str, set[str]] = {}
     for start, end in sorted(graph.edges):
         producer, consumer = parent(start), parent(end)
@@ -75,7 +75,7 @@ def _weight(graph: Graph, vertex: str) -> int:
 
 
 def _flow(graph: Graph, number: Mapping[str, int], nets: Mapping[str, set[str]]) -> tuple[int, set[int]]:
-    """Give the maximum flow from node 0 to node 1, and the nodes on the side of node 1 in the minimum cut.
+    """Return the maximum flow from node 0 to node 1, and the nodes on the side of node 1 in the minimum cut.
 
     A node is on this side if a path with free capacity leads from it to node 1.
 

@@ -40,7 +40,7 @@ class Subject:
     planned: Planned | None = None
 
     def first_side(self) -> str | None:
-        """Give the manager's side, as `side:` and the name of a PE on it; None for a graph that was read from a file.
+        """Return the manager's side, as `side:` and the name of a PE on it; None for a graph that was read from a file.
 
         Radios divide the PEs of a spec into sides. Of several least cuts, `least_cut` chooses the one that leaves as
         many leaves as possible on the side given here.
@@ -48,7 +48,7 @@ class Subject:
         return managers_side(self.planned.spec) if self.planned is not None else None
 
     def critical_plants(self) -> frozenset[str] | None:
-        """Give the plants that must be on a control path: those of class A and B of a spec.
+        """Return the plants that must be on a control path: those of class A and B of a spec.
 
         None for a graph that was read from a file, since it has no classes.
         """
@@ -78,7 +78,7 @@ def load_subject(text: str, plan_file: str | None = None) -> Subject:
 
 
 def graph_path(text: str) -> Path | None:
-    """Give the file of a graph, named by its path or by the name of a shipped graph; None for any other text."""
+    """Return the file of a graph, named by its path or by the name of a shipped graph; None for any other text."""
     if text.endswith(SUFFIXES):
         return Path(text)
     return shipped_graph_path(text) if text in shipped_graph_names() and not Path(text).exists() else None

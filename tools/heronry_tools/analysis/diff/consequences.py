@@ -130,7 +130,7 @@ def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[F
 
 
 def _remains(spec: Spec, now: Situation, known: Configuration) -> Configuration:
-    """Give the part of the configuration `known` that still works in the situation `now`.
+    """Return the part of the configuration `known` that still works in the situation `now`.
 
     A module is kept if its PE can still run it in its mode, and its gates hold with the wires that are kept. A
     wire is kept if its producer is kept.

@@ -122,7 +122,7 @@ def _mode(spec: Spec, mode: Mode) -> Fields:
 
 
 def _flat(element: object) -> Fields:
-    """Give the fields of a model element as a spec writes them; the name and nested elements are left out."""
+    """Return the fields of a model element as a spec writes them; the name and nested elements are left out."""
     kind: Any = type(element)
     declared = {one.field: one for one in keys_of(kind)}
     found: dict[str, str] = {}
@@ -133,7 +133,7 @@ def _flat(element: object) -> Fields:
 
 
 def _named(field: str, value: object, key: DeclaredKey | None = None) -> Fields:
-    """Give a field as text, by the key that a spec uses for it; the map is empty if the field has no value."""
+    """Return a field as text, by the key that a spec uses for it; the map is empty if the field has no value."""
     if value is None or value in ((), frozenset(), {}):
         return {}
     reading = key.reading if key is not None else Reading()

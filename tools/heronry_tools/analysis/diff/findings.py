@@ -37,7 +37,7 @@ def _assessed(name: str, data: bytes) -> Assessed:
 
 
 def _beyond(one: Assessed, other: Assessed) -> Assessed:
-    """Give the findings of `one` that `other` does not have."""
+    """Return the findings of `one` that `other` does not have."""
     left = Counter(map(_said, other.findings))
     alone: list[Finding] = []
     for finding in one.findings:

@@ -41,7 +41,7 @@ class Bounds:
 def loss_bounds(
     failure: Failure, cuts: Collection[frozenset[str]], order: int, hazards: Hazards, hours: float
 ) -> Bounds:
-    """Give bounds of the probability that a function is lost within so many hours, with real resources.
+    """Return bounds of the probability that a function is lost within so many hours, with real resources.
 
     cuts: all smallest sets of up to `order` elements that lose the function, logical or not.
 

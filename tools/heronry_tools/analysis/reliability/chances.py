@@ -52,11 +52,11 @@ class Hazards:
         object.__setattr__(self, "common", named)
 
     def known(self) -> frozenset[str]:
-        """Give the elements of which it is known how likely they fail."""
+        """Return the elements of which it is known how likely they fail."""
         return frozenset((*self.rates, *self.demands))
 
     def among(self, elements: Collection[str]) -> "Hazards":
-        """Give the same for these elements alone; a common cause stays as likely, and takes down what is left."""
+        """Return the same for these elements alone; a common cause stays as likely, and takes down what is left."""
         return Hazards(
             {name: rate for name, rate in self.rates.items() if name in elements},
             {name: chance for name, chance in self.demands.items() if name in elements},
@@ -68,21 +68,21 @@ class Hazards:
         )
 
     def chances(self, hours: float) -> dict[str, float]:
-        """Give the probability of each event within so many hours: elements that fail by themselves, common causes."""
+        """Return the probability of each event within so many hours: elements that fail alone, common causes."""
         _, shared = self._shared()
         found = {name: _failed(rate, hours) for name, rate in self.own_rates().items()}
         found |= {name: max(0.0, chance - shared.get(name, 0.0)) for name, chance in self.demands.items()}
         return found | {cause.event: self._of(cause)[1] for cause in self.common if self._of(cause)[0] is None}
 
     def own_rates(self) -> dict[str, float]:
-        """Give the rate of each event that has one: elements that fail by themselves, and common causes."""
+        """Return the rate of each event that has one: elements that fail by themselves, and common causes."""
         shared, _ = self._shared()
         found = {name: max(0.0, rate - shared.get(name, 0.0)) for name, rate in self.rates.items()}
         causes = {cause.event: rate for cause in self.common if (rate := self._of(cause)[0]) is not None}
         return found | causes
 
     def with_causes(self, formula: Formula, root: int) -> int:
-        """Give the node that `root` becomes if the common causes take down elements, too."""
+        """Return the node that `root` becomes if the common causes take down elements, too."""
         causes: dict[str, list[int]] = {}
         for cause in self.common:
             for element in cause.elements:
@@ -93,11 +93,11 @@ class Hazards:
         )
 
     def exactly(self, sets: Iterable[frozenset[str]], hours: float) -> float:
-        """Give the probability that the elements that are down are exactly one of these sets, each given once."""
+        """Return the probability that the elements that are down are exactly one of these sets, each given once."""
         return fsum(self.each_exactly(list(sets), hours))
 
     def each_exactly(self, sets: Sequence[frozenset[str]], hours: float) -> list[float]:
-        """Give the probability of each of these sets that exactly its elements are down."""
+        """Return the probability of each of these sets that exactly its elements are down."""
         chances = self.chances(hours)
         found = [0.0] * len(sets)
         for weight, forced in self._causes(chances):
@@ -106,7 +106,7 @@ class Hazards:
         return found
 
     def more_than(self, number: int, elements: Collection[str], hours: float) -> float:
-        """Give the probability that more than so many of these elements are down."""
+        """Return the probability that more than so many of these elements are down."""
         chances = self.chances(hours)
         terms = []
         for weight, forced in self._causes(chances):
@@ -146,7 +146,7 @@ class Hazards:
                 yield weight, frozenset(forced)
 
     def _of(self, cause: CommonCause) -> tuple[float | None, float]:
-        """Give the rate of a cause, or None and its probability on demand."""
+        """Return the rate of a cause, or None and its probability on demand."""
         share = cause.beta * self._lowest(cause)
         return (None, share) if cause.elements[0] in self.demands else (share, 0.0)
 
@@ -169,5 +169,5 @@ class Hazards:
 
 
 def _failed(rate: float, hours: float) -> float:
-    """Give the probability that an element with a rate per hour has failed; `hours` may be infinite."""
+    """Return the probability that an element with a rate per hour has failed; `hours` may be infinite."""
     return -expm1(-rate * hours) if rate > 0.0 else 0.0

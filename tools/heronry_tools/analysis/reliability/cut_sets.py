@@ -65,12 +65,12 @@ def logic_of(spec: Spec, function: str, scope: Scope) -> Reliability:
 
 
 def elements_searched(logic: Reliability, scope: Scope) -> tuple[str, ...]:
-    """Give the elements of the scope that can matter to the function, in the order of the scope."""
+    """Return the elements of the scope that can matter to the function, in the order of the scope."""
     return tuple(one for one in scope.elements if one in logic.failure.reach)
 
 
 def sets_searched(logic: Reliability, scope: Scope) -> int:
-    """Give the number of fault sets among which the resource-aware ones are searched."""
+    """Return the number of fault sets among which the resource-aware ones are searched."""
     return set_count(len(elements_searched(logic, scope)), scope.faults)
 
 

@@ -52,7 +52,7 @@ class Failure:
 
 
 def failure(spec: Spec, function: str, elements: Collection[str]) -> Failure:
-    """Give the failure of a function, if only these elements can fail.
+    """Return the failure of a function, if only these elements can fail.
 
     spec: as it is in the phase that is meant (`Spec.in_phase`).
 
@@ -87,7 +87,7 @@ class _Compiler:
         return Failure(self._formula, root, self._reach({module for module, _ in feeds}) & self._may_fail)
 
     def _reach(self, modules: Iterable[str]) -> frozenset[str]:
-        """Give the elements by which modules can be placed, or not."""
+        """Return the elements by which modules can be placed, or not."""
         reached: set[str] = set()
         for module in map(self._spec.modules.__getitem__, modules):
             reached |= {f"module:{module.name}", *places(self._spec, module.name)}
@@ -99,12 +99,12 @@ class _Compiler:
     # What an option depends on.
 
     def _needed(self, option: Option) -> list[tuple[str, Leaf]]:
-        """Give the leaves of an option that can decide whether its needs hold."""
+        """Return the leaves of an option that can decide whether its needs hold."""
         needs = self._spec.modules[option[0]].modes[option[1]].needs
         return [] if needs is None else list(_deciding(needs))
 
     def _producers(self, option: Option, leaf: Leaf) -> list[Option]:
-        """Give the options that can feed a leaf; a module never feeds itself from another mode."""
+        """Return the options that can feed a leaf; a module never feeds itself from another mode."""
         return [
             giver
             for giver, version in self._givers.get(leaf.variable, ())
@@ -112,7 +112,7 @@ class _Compiler:
         ]
 
     def _cone(self, ends: Iterable[Option]) -> dict[Option, set[_Fed]]:
-        """Give the options that can matter, each with the leaves that it can feed."""
+        """Return the options that can matter, each with the leaves that it can feed."""
         feeds: dict[Option, set[_Fed]] = {end: {_SERVES} for end in ends}
         waiting = list(feeds)
         while waiting:
@@ -139,7 +139,7 @@ class _Compiler:
         return self._formula.any_of([self._down(f"bus:{name}"), self._formula.all_of(channels) if channels else FALSE])
 
     def _pe_failures(self) -> dict[str, int]:
-        """Give, for each PE with a route to the manager's bus, the node: it is down, or cannot be commanded."""
+        """Return, for each PE with a route to the manager's bus, the node: it is down, or cannot be commanded."""
         first = self._spec.manager.bus
         found, buses = dict[str, int](), {first: self._bus(first)}
         ways = {first: frozenset((f"bus:{first}", *self._channels(first)))}
@@ -206,7 +206,7 @@ class _Compiler:
     # Choices.
 
     def _chosen(self, root: int, number: int, values: int) -> int:
-        """Give the node that is true iff `root` is with every value of a choice, from the least gate that decides."""
+        """Return the node that is true iff `root` is with every value of a choice, from the least gate that decides."""
         formula = self._formula
         events = [formula.event(_choice(number, index)) for index in range(values)]
         below = set(formula.below(root))
@@ -255,7 +255,7 @@ def _fails(formula: Formula, needs: Expression, leaves: Mapping[str, int], path:
 
 
 def _deciding(needs: Expression, path: str = "") -> Iterable[tuple[str, Leaf]]:
-    """Give the leaves with their paths, without those below a gate that holds anyway."""
+    """Return the leaves with their paths, without those below a gate that holds anyway."""
     if isinstance(needs, Leaf):
         yield path, needs
     elif bounds(needs)[0] > 0:
@@ -268,7 +268,7 @@ def _path(path: str, index: int) -> str:
 
 
 def _choices(spec: Spec, feeds: Mapping[Option, set[_Fed]]) -> list[list[frozenset[Option]]]:
-    """Give the choices among options that exclude each other: for each, its values, the options left by each value.
+    """Return the choices among options that exclude each other: for each, its values, the options left by each value.
 
     Options of which one always stands for the other are left together. So most groups leave no choice.
     """
@@ -282,7 +282,7 @@ def _choices(spec: Spec, feeds: Mapping[Option, set[_Fed]]) -> list[list[frozens
 
 
 def _exclusive(spec: Spec) -> Iterable[frozenset[str]]:
-    """Give the groups of modules of which at most one runs, and each other module with several modes as a group."""
+    """Return the groups of modules of which at most one runs, and each other module with several modes as a group."""
     grouped = [frozenset(modules) for demux in spec.demuxes.values() for modules in demux.exclusives.values()]
     grouped += [
         frozenset(module.name for module in spec.modules.values() if module.device == device.name)
@@ -307,7 +307,7 @@ def _stands_for(feeds: Mapping[Option, set[_Fed]], one: Option, other: Option) -
 
 
 def _maximal(options: list[Option], alike: Callable[[Option, Option], bool]) -> Iterable[frozenset[Option]]:
-    """Give the largest sets of options of which any two are alike (Bron and Kerbosch)."""
+    """Return the largest sets of options of which any two are alike (Bron and Kerbosch)."""
     near = {one: {other for other in options if other != one and alike(one, other)} for one in options}
     waiting: list[tuple[frozenset[Option], set[Option], set[Option]]] = [(frozenset(), set(options), set())]
     while waiting:
@@ -324,7 +324,7 @@ def _maximal(options: list[Option], alike: Callable[[Option, Option], bool]) -> 
 
 
 def _groups(read: Mapping[Option, Collection[Option]]) -> list[list[Option]]:
-    """Give the groups of options that feed each other, a group after those that it reads (Tarjan)."""
+    """Return the groups of options that feed each other, a group after those that it reads (Tarjan)."""
     number: dict[Option, int] = {}
     least: dict[Option, int] = {}
     stack: list[Option] = []
@@ -360,7 +360,7 @@ def _groups(read: Mapping[Option, Collection[Option]]) -> list[list[Option]]:
 
 
 def _cut(group: list[Option], read: Mapping[Option, Collection[Option]]) -> list[Option]:
-    """Give options of a group without which it has no cycle; few, but not always the fewest."""
+    """Return options of a group without which it has no cycle; few, but not always the fewest."""
     left, cut = set(group), list[Option]()
     while True:
         while True:  # what reads nothing of the rest, or is read by nothing of it, is in no cycle
@@ -397,7 +397,7 @@ def _ordered(group: list[Option], read: Mapping[Option, Collection[Option]], cut
 
 
 def _narrowest(formula: Formula, root: int, nodes: Collection[int]) -> int:
-    """Give the node nearest to some nodes by which every way from `root` to one of them goes."""
+    """Return the node nearest to some nodes by which every way from `root` to one of them goes."""
     depth, above = {root: 0}, {root: root}
 
     def joined(one: int, other: int) -> int:

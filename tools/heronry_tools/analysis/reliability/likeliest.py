@@ -96,7 +96,7 @@ class _Search:
             self.weight[part] = best[one.family]
 
     def fork(self, way: _Way) -> tuple[_Way, _Way, float]:
-        """Give the better way on from a node, the other one, and by how much that is worse (infinite: no way)."""
+        """Return the better way on from a node, the other one, and by how much that is worse (infinite: no way)."""
         one, best = self._parts[way.part], self._best[way.part]
         leaf, low, high = one.leaves[one.sets.variable[way.node]], one.sets.low[way.node], one.sets.high[way.node]
         without = way._replace(node=low)

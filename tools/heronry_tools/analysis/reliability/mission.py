@@ -73,23 +73,23 @@ class Reliability:
         return [one for one in self.sets.support() if one not in known]
 
     def loss(self, hours: float) -> float:
-        """Give the probability that the function is lost within so many hours; a lower bound if it is not `exact`."""
+        """Return the probability that the function is lost within so many hours; a lower bound if it is not `exact`."""
         return self._with_causes.probability(self.hazards.chances(hours))
 
     def loss_at_most(self, hours: float) -> float:
-        """Give an upper bound of that probability; the probability itself if it is `exact`."""
+        """Return an upper bound of that probability; the probability itself if it is `exact`."""
         return self._with_causes.at_most(self.hazards.chances(hours))
 
     def survival(self, hours: float) -> float:
-        """Give R(t): the probability that the function is not lost within so many hours."""
+        """Return R(t): the probability that the function is not lost within so many hours."""
         return self._with_causes.survival(self.hazards.chances(hours))
 
     def curve(self, hours: float, points: int) -> list[tuple[float, float]]:
-        """Give (t, R(t)) at `points` + 1 times from 0 to `hours`, in equal steps."""
+        """Return (t, R(t)) at `points` + 1 times from 0 to `hours`, in equal steps."""
         return [(t, self.survival(t)) for t in (hours * number / points for number in range(points + 1))]
 
     def importance(self, hours: float) -> dict[str, Importance]:
-        """Give the importance of each event that can lose the function, common causes, too; the greatest first."""
+        """Return the importance of each event that can lose the function, common causes, too; the greatest first."""
         chances = self.hazards.chances(hours)
         whole = self._with_causes.probability(chances)
         slopes = self._with_causes.birnbaum(chances)
@@ -100,7 +100,7 @@ class Reliability:
         return dict(sorted(found.items(), key=lambda item: (-item[1].fussell_vesely, -item[1].birnbaum, item[0])))
 
     def mean_time_to_failure(self) -> float:
-        """Give the mean time until the function is lost, in hours: the integral of R(t); infinite if it may last.
+        """Return the mean time until the function is lost, in hours: the integral of R(t); infinite if it may last.
 
         The integral is taken by the trapezoidal rule after t = exp(u - exp(-u)), which converges as fast as the digits
         of its terms last (Takahashi and Mori); the steps are halved until nothing changes.
@@ -117,7 +117,7 @@ class Reliability:
         return found
 
     def _scale(self, hours: float) -> float:
-        """Give a time at which R(t) has fallen to about a third of its value at the beginning."""
+        """Return a time at which R(t) has fallen to about a third of its value at the beginning."""
         first = self.survival(0.0)
         while self.survival(hours) > first / 3.0:
             hours *= 2.0

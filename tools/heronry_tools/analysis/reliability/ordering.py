@@ -48,7 +48,7 @@ def _proposed(formula: Formula, part: Part) -> Iterator[list[int]]:
 
 
 def _sizes(formula: Formula, part: Part) -> dict[int, int]:
-    """Give the number of nodes below each node of a part, with repetitions, up to a limit."""
+    """Return the number of nodes below each node of a part, with repetitions, up to a limit."""
     size = dict.fromkeys(part.leaves, 1)
     for gate in part.gates:
         size[gate] = min(1 << 40, 1 + sum(size[one] for one in formula.inputs[gate]))
@@ -70,7 +70,7 @@ def _searched(part: Part, inputs: dict[int, list[int]]) -> list[int]:
 
 
 def _span(formula: Formula, part: Part, order: list[int]) -> int:
-    """Give the sum, over the gates, of the distance between the first and the last leaf that the gate depends on."""
+    """Return the sum, over the gates, of the distance between the first and the last leaf that the gate depends on."""
     place = {leaf: (index, index) for index, leaf in enumerate(order)}
     total = 0
     for gate in part.gates:

@@ -50,7 +50,7 @@ class Findings:
         return tuple(down for down, _ in self.logic.sets.likeliest(self.most, self.element_chances(self.hours)))
 
     def element_chances(self, hours: float) -> dict[str, float]:
-        """Give the probability of each element that it is down after so many hours, for whatever cause."""
+        """Return the probability of each element that it is down after so many hours, for whatever cause."""
         known = self.logic.hazards
         alone = type(known)(known.rates, known.demands)
         return alone.chances(hours)
@@ -62,11 +62,11 @@ class Findings:
         return self.logic.loss_at_most(1e9) > 0.0
 
     def loss(self, hours: float) -> Bounds:
-        """Give the probability of loss by logic."""
+        """Return the probability of loss by logic."""
         return Bounds(self.logic.loss(hours), None if self.logic.unknown else self.logic.loss_at_most(hours))
 
     def bounds(self, hours: float) -> Bounds:
-        """Give the bounds of the probability of loss with real resources."""
+        """Return the bounds of the probability of loss with real resources."""
         assert self.cuts is not None
         return loss_bounds(self.logic.failure, self.cuts.resources, self.cuts.order, self.logic.hazards, hours)
 

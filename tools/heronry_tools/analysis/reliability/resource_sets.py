@@ -209,12 +209,12 @@ def resource_sets(
 
 
 def most_useful_jobs(sets: int) -> int:
-    """Give the most processes that make a search of so many fault sets faster than one process is."""
+    """Return the most processes that make a search of so many fault sets faster than one process is."""
     return max(1, sets // (_PROCESS_PAYS * _SETS_IN_A_PART))
 
 
 def set_count(elements: int, order: int) -> int:
-    """Give the number of fault sets of up to `order` of so many elements, the empty set included."""
+    """Return the number of fault sets of up to `order` of so many elements, the empty set included."""
     return sum(comb(elements, size) for size in range(min(order, elements) + 1))
 
 

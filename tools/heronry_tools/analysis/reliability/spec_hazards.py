@@ -7,7 +7,7 @@ from heronry_tools.console.errors import UserError
 
 
 def hazards(spec: Spec) -> Hazards:
-    """Give the rates, probabilities on demand and common causes of a spec's elements.
+    """Return the rates, probabilities on demand and common causes of a spec's elements.
 
     Raises UserError for an element with a rate and a probability, and for a common cause that makes no sense.
     """
@@ -59,5 +59,5 @@ def _require_sense(
 
 
 def mission_hours(spec: Spec) -> float:
-    """Give the length of the mission in hours; 1 if the spec does not say it."""
+    """Return the length of the mission in hours; 1 if the spec does not say it."""
     return 1.0 if spec.mission_h is None else float(spec.mission_h)

@@ -39,7 +39,7 @@ class ShortSets(Zbdd):
         self.dropped = False
 
     def node(self, variable: int, low: int, high: int) -> int:
-        """Give the family of the sets of `low`, and those of `high` with `variable` added."""
+        """Return the family of the sets of `low`, and those of `high` with `variable` added."""
         node = super().node(variable, low, high)
         if node == len(self._shortest):
             self._shortest.append(min(self._shortest[low], self._shortest[high] + 1))
@@ -47,7 +47,7 @@ class ShortSets(Zbdd):
         return node
 
     def either(self, one: int, other: int) -> int:
-        """Give the minimal sets of two families."""
+        """Return the minimal sets of two families."""
         if other in {one, FALSE}:
             return one
         if one == FALSE:
@@ -66,7 +66,7 @@ class ShortSets(Zbdd):
         return found
 
     def both(self, one: int, other: int, most: int) -> int:
-        """Give the minimal ones of the unions, of up to `most` members, of a set of one family and one of the other."""
+        """Return the minimal unions, of up to `most` members, of a set of one family and one of the other."""
         if max(self._shortest[one], self._shortest[other]) > most:
             self.dropped |= FALSE not in (one, other)
             return FALSE
@@ -98,7 +98,7 @@ class ShortSets(Zbdd):
 
 
 def sets_to_order(formula: Formula, part: Part, leaves: Sequence[int]) -> tuple[ShortSets, int, int | None]:
-    """Give the minimal sets of a part up to the largest order that fits, and that order; None: every order."""
+    """Return the minimal sets of a part up to the largest order that fits, and that order; None: every order."""
     found, order = (ShortSets(2), FALSE), 0
     with deep(4 * len(leaves)):
         while order < len(leaves):
@@ -122,7 +122,7 @@ def _short(formula: Formula, part: Part, leaves: Sequence[int], sets: ShortSets,
 
 
 def bound(formula: Formula, part: Part, leaves: Sequence[int], known: Known, constant: int) -> tuple[Bdd, int]:
-    """Give a diagram that bounds a part from below (`constant` FALSE) or from above (TRUE)."""
+    """Return a diagram that bounds a part from below (`constant` FALSE) or from above (TRUE)."""
     with deep(len(leaves)):
         for kept in _KEPT:
             bounding = _Bounding(leaves, known, constant, kept)
@@ -143,7 +143,7 @@ class _Bounding:
         self._bdd = Bdd(_BOUND_NODES)
 
     def of(self, formula: Formula, part: Part) -> tuple[Bdd, int]:
-        """Give the diagram that bounds a part; raises TooLargeError."""
+        """Return the diagram that bounds a part; raises TooLargeError."""
         value = {leaf: self._bdd.node(index, FALSE, TRUE) for index, leaf in enumerate(self._leaves)}
         last = {one: gate for gate in part.gates for one in formula.inputs[gate]}  # the last gate that reads a node
         for gate in part.gates:
@@ -173,7 +173,7 @@ class _Bounding:
         return now[root]
 
     def _weights(self, root: int, nodes: list[int]) -> dict[int, float]:
-        """Give how much the bound moves, at most, if a node becomes the constant."""
+        """Return how much the bound moves, at most, if a node becomes the constant."""
         variable, low, high = self._bdd.variable, self._bdd.low, self._bdd.high
         wrong = {FALSE: float(self._constant == TRUE), TRUE: float(self._constant == FALSE)}
         for node in nodes:
@@ -197,7 +197,7 @@ class _Bounding:
 
 
 def sum_of_sets(sets: Zbdd, family: int, leaves: Sequence[int], order: int | None, known: Known) -> float:
-    """Give the second upper bound; order: the largest of the family; None: it has every order."""
+    """Return the second upper bound; order: the largest of the family; None: it has every order."""
     total = {FALSE: 0.0, TRUE: 1.0}
     for node in sets.below(family):
         chance = known[leaves[sets.variable[node]]][0]

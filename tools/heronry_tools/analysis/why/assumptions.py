@@ -81,7 +81,7 @@ def _assumptions(question: Question, goal: str) -> Iterator[Assumption]:
 
 
 def relaxed(question: Question, without: Collection[Assumption]) -> Question:
-    """Give the question that remains if the assumptions in `without` are relaxed.
+    """Return the question that remains if the assumptions in `without` are relaxed.
 
     A relaxed capacity becomes unlimited. A relaxed placement rule no longer holds, nor does the rule that an actuator
     has one driver; the assumption `deadlines`
@@ -135,7 +135,7 @@ def _others(rules: tuple[tuple[str, ...], ...], gone: Collection[str]) -> tuple[
 
 
 def capacity(spec: Spec, one: Assumption) -> int:
-    """Give the amount of the capacity that an assumption is about.
+    """Return the amount of the capacity that an assumption is about.
 
     The unit is thousandths of a core for CPU, bytes for RAM and flash, and bit/s for the bit rate of a bus.
     Raises ValueError if the assumption is not about a capacity.

@@ -8,7 +8,7 @@ from heronry_tools.analysis.why.reasons import Explanation
 
 
 def document(spec: Spec, found: Explanation) -> dict[str, Any]:
-    """Give the explanation as plain data."""
+    """Return the explanation as plain data."""
     return {
         "spec": spec.name,
         "digest": spec.digest,

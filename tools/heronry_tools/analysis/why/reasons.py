@@ -141,7 +141,7 @@ def _lost_by_logic(spec: Spec, now: Situation, function: Function) -> tuple[froz
 
 
 def reasons(spec: Spec, found: Plan, function: Function) -> tuple[Assumption, ...]:
-    """Give the reasons why the best plan of a situation does not serve a function; there may be none.
+    """Return the reasons why the best plan of a situation does not serve a function; there may be none.
 
     Raises UserError if the planner does not decide in time what is possible.
     """

@@ -60,7 +60,7 @@ class FlightDriver:
         self._socket.connect(str(folder / COMMANDS))
 
     def open(self, name: str) -> FlightDevice:
-        """Give the sensor or actuator of this name."""
+        """Return the sensor or actuator of this name."""
         return FlightDevice(self, name)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:  # noqa: ARG002

@@ -44,7 +44,7 @@ def _node(graph: ComponentGraph, name: str, found: Loops, kinds: Mapping[str, Ki
 
 
 def _device_kinds(graph: ComponentGraph) -> dict[str, Kind]:
-    """Give the kind of each device in the graph of a plan: sensor or actuator.
+    """Return the kind of each device in the graph of a plan: sensor or actuator.
 
     An edge that leads from a device to a module shows a sensor; an edge from a module to a device, an actuator.
     """

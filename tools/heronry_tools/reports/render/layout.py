@@ -130,7 +130,7 @@ class _Placing:
         )
 
     def _in_ports(self) -> dict[int, int]:
-        """Give, for each edge, the height at which it ends, from the top of its target's box.
+        """Return, for each edge, the height at which it ends, from the top of its target's box.
 
         The edges into one symbol or cell end one below the other. Their order is that of the symbols or way-points from
         which they come, from top to bottom. Feedback edges end lowest.
@@ -186,7 +186,7 @@ class _Placing:
                 y.update(zip(column, _apart(offsets, wanted), strict=True))
 
     def _offsets(self, column: tuple[str, ...]) -> list[int]:
-        """Give the least distance of each symbol of a column from the first symbol, in 1/64 of a pixel (`_FINE`)."""
+        """Return the least distance of each symbol of a column from the first symbol, in 1/64 of a pixel (`_FINE`)."""
         offsets = [0]
         for key in column[:-1]:
             offsets.append(offsets[-1] + (self._shapes[key].height + _ROW_GAP) * _FINE)
@@ -216,13 +216,13 @@ class _Placing:
         self._y[column[place]] = level
 
     def _ends(self, segment: Segment) -> tuple[int, int]:
-        """Give the heights of a segment's two ends, in pixels from the top of the symbol or way-point at that end."""
+        """Return the heights of a segment's two ends, in pixels from the top of the symbol or way-point at that end."""
         out = self._shapes[segment.source].port(segment.out_cell)
         into = self._ports[segment.edges[0]] if segment.last else self._shapes[segment.target].port(None)
         return out, into
 
     def _weight(self, segment: Segment) -> int:
-        """Give the weight of a segment: 2, 3 or 8 if none, one or both of its ends are way-points.
+        """Return the weight of a segment: 2, 3 or 8 if none, one or both of its ends are way-points.
 
         The more a segment weighs, the straighter it becomes.
         """
@@ -230,7 +230,7 @@ class _Placing:
         return (2, 3, 8)[points]
 
     def _columns_x(self, y: Mapping[str, int]) -> tuple[list[int], list[int]]:
-        """Give the left and right sides of the columns, in pixels; `y` has the top of each symbol and way-point.
+        """Return the left and right sides of the columns, in pixels; `y` has the top of each symbol and way-point.
 
         The steeper the edges that leave a column, the wider the gap after it.
         """
@@ -263,7 +263,7 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Give the x in pixels at which a segment ends.
+        """Return the x in pixels at which a segment ends.
 
         The last segment of an edge ends at the left side of its target. Any other segment ends at `left`, the left side
         of the column that it reaches. The side of a circle lies farther to the right near the top and the bottom of the
@@ -308,7 +308,7 @@ def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
 
 
 def _sagitta(radius: int, offset: int) -> int:
-    """Give the horizontal distance from the side of a circle's box to the circle, in the unit of the arguments.
+    """Return the horizontal distance from the side of a circle's box to the circle, in the unit of the arguments.
 
     offset: the height above or below the centre at which the distance is measured.
     """

@@ -66,7 +66,7 @@ class Marks:
         return False
 
     def running(self, module: Module) -> Running | None:
-        """Give PE, mode and wires of a module in the configuration; None if the module does not run."""
+        """Return PE, mode and wires of a module in the configuration; None if the module does not run."""
         return self.configuration.modules.get(module.name)
 
     def runs(self, module: Module, mode: Mode) -> bool:

@@ -73,7 +73,7 @@ def _segments(graph: Graph, ranks: Ranks) -> tuple[Segment, ...]:
 
 
 def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> list[list[str]]:
-    """Give the symbols of each column in the order in which a walk along the edges reaches them.
+    """Return the symbols of each column in the order in which a walk along the edges reaches them.
 
     So connected symbols begin close together.
     """
@@ -98,7 +98,7 @@ def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> l
 
 
 def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | None], float]:
-    """Give the vertical positions of symbols and of their cells, as the number of places from the top of the column.
+    """Return the vertical positions of symbols and of their cells, as the number of places from the top of the column.
 
     The key of a cell is (symbol, number of the cell); the key of a symbol is (symbol, None).
     """

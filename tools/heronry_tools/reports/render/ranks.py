@@ -88,7 +88,7 @@ def _reaches(successors: Mapping[str, Collection[str]], start: str, goal: str) -
 
 
 def _longest_paths(keys: Collection[str], pairs: list[tuple[str, str]]) -> dict[str, int]:
-    """Give for each symbol the number of edges of the longest path that ends in it (Kahn's order).
+    """Return for each symbol the number of edges of the longest path that ends in it (Kahn's order).
 
     pairs: the edges, as (source, target).
     """
@@ -146,7 +146,7 @@ def _weight(source: str) -> int:
 
 
 def _length(edges: list[Edge], ranks: Mapping[str, int]) -> int:
-    """Give the sum of the lengths of all edges; an edge to the next column has the length 1.
+    """Return the sum of the lengths of all edges; an edge to the next column has the length 1.
 
     Edges out of one symbol share a trunk, so only the longest of them counts.
     """

@@ -33,7 +33,7 @@ class Shape:
     head: int = 0  # of a module: height above its cells
 
     def port(self, cell: int | None) -> int:
-        """Give the height at which edges meet the symbol, in px below the top of the symbol.
+        """Return the height at which edges meet the symbol, in px below the top of the symbol.
 
         cell: number of the cell of the module that the edges meet; None: the edges meet the symbol as a whole.
         """
@@ -43,7 +43,7 @@ class Shape:
 
 
 def shape_of(node: Node, inputs: int) -> Shape:
-    """Give the shape of a symbol with this number of inputs."""
+    """Return the shape of a symbol with this number of inputs."""
     if node.kind == "module":
         return _module(node)
     if node.kind in ("and", "or", "xor"):

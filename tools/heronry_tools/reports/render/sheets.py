@@ -90,7 +90,7 @@ def _groups(graph: Graph) -> list[set[str]]:
 
 
 def _middle(group: Collection[str], middles: _Middles) -> int:
-    """Give the horizontal place of a group of connected symbols: that of its rightmost module.
+    """Return the horizontal place of a group of connected symbols: that of its rightmost module.
 
     If the group has no module, this is the place of its rightmost symbol.
 
@@ -101,7 +101,7 @@ def _middle(group: Collection[str], middles: _Middles) -> int:
 
 
 def _homes(graph: Graph, on: list[int]) -> dict[str, int]:
-    """Give for each variable the one sheet on which it is drawn solid; on other sheets it is drawn dashed.
+    """Return for each variable the one sheet on which it is drawn solid; on other sheets it is drawn dashed.
 
     This is the first sheet with an edge that leads to the variable. If there is none, it is the first sheet with
     an edge that leads from the variable.

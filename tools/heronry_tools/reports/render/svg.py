@@ -102,7 +102,7 @@ def _numbers(piece: Curve | Loop) -> tuple[int, ...]:
 
 
 def _rank(graph: Graph, piece: Curve | Loop) -> int:
-    """Give the highest rank of the edges that share a segment: 2 for a chosen edge, 0 for a dead one, 1 for others."""
+    """Return the highest rank of the edges in a segment: 2 for a chosen edge, 0 for a dead one, 1 for others."""
     return max(_liveliness(graph.edges[number]) for number in _numbers(piece))
 
 

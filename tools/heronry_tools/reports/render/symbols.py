@@ -18,7 +18,7 @@ from heronry_tools.reports.render.shapes import CELL_ROW, NAME_LINE, NOTE_LINE
 
 
 def symbol(node: Node, box: Box, *, crossed: bool) -> Iterator[str]:
-    """Give the lines of SVG for one symbol; `crossed`: draw a diagonal line across the symbol."""
+    """Yield the lines of SVG for one symbol; `crossed`: draw a diagonal line across the symbol."""
     set_marks = (("dead", node.dead), ("chosen", node.chosen), ("again", node.again))
     marks = "".join(f" {name}" for name, set_ in set_marks if set_)
     attribute = "data-again" if node.again else "data-key"  # a key is unique in a picture
@@ -84,7 +84,7 @@ def _small(node: Node, box: Box) -> Iterator[str]:
 
 
 def _shield(x: int, y: int, width: int, height: int) -> str:
-    """Give the outline of an OR gate: hollow at its inputs, pointed at its output."""
+    """Return the outline of an OR gate: hollow at its inputs, pointed at its output."""
     right, level, bend = x + width, y + height // 2, x + width * 2 // 3
     return (
         f"M{x},{y}H{x + width // 3}Q{bend},{y} {right},{level}Q{bend},{y + height} {x + width // 3},{y + height}"

@@ -85,7 +85,7 @@ def _words(node: Node) -> Iterator[str]:
 
 
 def edge_words(graph: Graph, edge: Edge) -> str:
-    """Give the words on an edge of a graph: the modes at its ends, and its versions."""
+    """Return the words on an edge of a graph: the modes at its ends, and its versions."""
     return "; ".join(_edge_words(graph, edge))
 
 

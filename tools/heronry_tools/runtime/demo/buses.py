@@ -35,13 +35,13 @@ class BusChoice:
         return f"{self.name}: {what_it_models(self.interface, self.channel)}"
 
     def configs(self) -> list[dict[str, Any]]:
-        """Give the keyword arguments of `can.Bus` for each channel; raises BusArgumentError."""
+        """Return the keyword arguments of `can.Bus` for each channel; raises BusArgumentError."""
         config = {"interface": self.interface, "channel": self.channel}
         rate = {} if self.bitrate is None else {"bitrate": self.bitrate}
         return channel_configs({**config, **rate}, self.channels, f"bus {self.name}")
 
     def port_argument(self) -> str:
-        """Give the value of `--bus` for this choice."""
+        """Return the value of `--bus` for this choice."""
         return f"{self.name}={self.interface}:{self.channel}"
 
 
@@ -85,7 +85,7 @@ def choose(
 
 
 def hub_paths(choices: Mapping[str, BusChoice]) -> dict[str, str]:
-    """Give the paths of the hubs that this run has to start, by bus or channel (`radio`, `can0.1`)."""
+    """Return the paths of the hubs that this run has to start, by bus or channel (`radio`, `can0.1`)."""
     return {
         name if choice.channels == 1 else f"{name}.{number}": config["channel"]
         for name, choice in choices.items()
@@ -95,7 +95,7 @@ def hub_paths(choices: Mapping[str, BusChoice]) -> dict[str, str]:
 
 
 def _channels(bus: Bus) -> list[str]:
-    """Give the names of a bus's channels; a bus that is not replicated has one, with the bus's own name."""
+    """Return the names of a bus's channels; a bus that is not replicated has one, with the bus's own name."""
     return [bus.name] if bus.channels == 1 else [f"{bus.name}.{number}" for number in range(1, bus.channels + 1)]
 
 

@@ -7,7 +7,7 @@ from heronry_dg.situation import Situation, survivors
 
 
 def gateways_lost(spec: Spec, pe: str, killed: Collection[str]) -> list[str]:
-    """Give the killed PEs without which no way leads from a PE to the manager's bus; none if there is a way.
+    """Return the killed PEs without which no way leads from a PE to the manager's bus; none if there is a way.
 
     None either if there was no way before: then their kill is not the reason.
     """

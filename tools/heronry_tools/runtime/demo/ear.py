@@ -44,7 +44,7 @@ class Ear:
 
     @property
     def readers(self) -> Sequence[Any]:
-        """Give the descriptors that become readable when a frame has come."""
+        """Return the descriptors that become readable when a frame has come."""
         return self._bus.readers if isinstance(self._bus, ReplicatedLink) else (self._bus,)
 
     def hear(self) -> Iterator[Arrival]:

@@ -166,13 +166,13 @@ class Fleet:
         return process.stdout
 
     def control_socket(self, node: int = FIRST_MANAGER) -> Path:
-        """Give the path of a manager's control socket."""
+        """Return the path of a manager's control socket."""
         if self._called is None:
             return self.folder / f"manager-{node}.sock"
         return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}-standby")
 
     def active_manager(self) -> int:
-        """Give the node-ID of the active manager: on a busy computer the standby manager may have taken over.
+        """Return the node-ID of the active manager: on a busy computer the standby manager may have taken over.
 
         If there are two managers, each is asked for its status, which shows whether it is active. If no status shows
         this, the result is the lower node-ID.
@@ -255,13 +255,13 @@ class Fleet:
         return process.pid
 
     def processes(self) -> dict[str, int]:
-        """Give the process numbers of what runs: 'pe:NAME', 'manager NODE', 'bus NAME' (a software bus)."""
+        """Return the process numbers of what runs: 'pe:NAME', 'manager NODE', 'bus NAME' (a software bus)."""
         managers = {f"manager {node}": process.pid for node, process in self._managers.items()}
         hubs = {f"bus {hub.path.stem}": hub.pid for hub in self._hubs}
         return {**{f"pe:{pe}": process.pid for pe, process in self._pes.items()}, **managers, **hubs}
 
     def ended(self) -> str | None:
-        """Give a sentence about a manager's or PE's process that has ended by itself; None while all of these run."""
+        """Return a sentence about a manager's or PE's process that has ended by itself; None while all of these run."""
         managers = [("the manager", process) for process in self._managers.values()]
         for name, process in [*managers, *self._pes.items()]:
             if process.poll() is not None:
@@ -269,7 +269,7 @@ class Fleet:
         return None
 
     def last_words(self, name: str) -> str:
-        """Give the last line that a process wrote to its standard error.
+        """Return the last line that a process wrote to its standard error.
 
         If the process wrote nothing, give a sentence that says so.
         """

@@ -34,7 +34,7 @@ class HeldOutages:
         self._held += [one for one in outages if (one.to_ns is not None) == self._are_over]
 
     def due(self, now_ns: int) -> list[Outage]:
-        """Give the held outages if they are to be reported now, and hold them no longer.
+        """Return the held outages if they are to be reported now, and hold them no longer.
 
         The list is empty if the last report was less than a second ago.
         """
@@ -44,6 +44,6 @@ class HeldOutages:
         return self.all()
 
     def all(self) -> list[Outage]:
-        """Give all held outages, and hold them no longer."""
+        """Return all held outages, and hold them no longer."""
         held, self._held = self._held, []
         return held

@@ -68,7 +68,7 @@ class Page:
             stream.close()
 
     def readers(self) -> list[Any]:
-        """Give the descriptors that become readable when the page has sent something."""
+        """Return the descriptors that become readable when the page has sent something."""
         return [self._said] if not self._is_told else [self._orders] if self._orders.fileno() >= 0 else []
 
     @property

@@ -70,7 +70,7 @@ class PlanningAhead:
             self._process.send_signal(signal.SIGSTOP if is_held else signal.SIGCONT)
 
     def outcome(self) -> str | None:
-        """Give a sentence about the result, on the first call after the process has ended; None on all other calls."""
+        """Return a sentence about the result on the first call after the process has ended; None on all others."""
         if self._process is None or self._process.poll() is None:
             return None
         process, self._process = self._process, None

@@ -103,7 +103,7 @@ def play(arguments: argparse.Namespace) -> int:
 
 
 def _heartbeat(spec: Spec, arguments: argparse.Namespace) -> tuple[int, int, _Why]:
-    """Give how late processes run here (0: not rehearsed), the shortest heartbeat to fly with, and why that one.
+    """Return how late processes run here (0: not rehearsed), the shortest heartbeat to fly with, and why that one.
 
     Raises UserError where the user gives one that is shorter than the spec's.
     """
@@ -128,7 +128,7 @@ def _require_devices(file: Path, spec: Spec) -> None:
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
-    """Give the contingencies with which the demo flies, and the process that makes contingencies for the next demo.
+    """Return the contingencies with which the demo flies, and the process that makes contingencies for the next demo.
 
     If the user does not want plans for single faults, `source` gives the contingencies, and the process is None.
     If the user wants them:
@@ -154,7 +154,7 @@ def _run(show: Show, fleet: Fleet, tell: Tell, run: Callable[[], int]) -> int:
 
 
 def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
-    """Give interface, channel and bit rate of the manager's bus from python-can's flags; None if no flag is given.
+    """Return interface, channel and bit rate of the manager's bus from python-can's flags; None if no flag is given.
 
     A bit rate of None: the flags name none. Raises UserError for an interface without a channel.
     """

@@ -59,7 +59,7 @@ class ProcessorWaits:
             self._samples.popleft()
 
     def longest(self, now_ns: int, pe: str, processes: Mapping[str, int]) -> Wait:
-        """Give the longest wait that may have made a PE silent: that of its process, of a manager or of a bus.
+        """Return the longest wait that may have made a PE silent: that of its process, of a manager or of a bus.
 
         The waits of a process are added up from the newest sample that is at least `window_ns` old; if there is none,
         from the first sample. If the demo's own process had to wait, it took no samples meanwhile, so the sample may be
@@ -75,7 +75,7 @@ class ProcessorWaits:
         return max(waits, key=lambda wait: wait.for_ns, default=Wait(f"pe:{pe}", 0, of_ns))
 
     def _waited_ns(self, number: int) -> int:
-        """Give the time in ns for which a process has waited for a processor since its start.
+        """Return the time in ns for which a process has waited for a processor since its start.
 
         Returns 0 if the process has ended, or the kernel does not count this time.
         """

@@ -231,7 +231,7 @@ class Show:
                 pass
 
     def _noted(self, one: events.Event) -> events.Event:
-        """Give an event of the manager; if a PE was lost although its process runs, say why.
+        """Return an event of the manager; if a PE was lost although its process runs, say why.
 
         If the demo has killed the gateways of the PE, that is the cause. Otherwise the field `waited` is filled.
 
@@ -258,7 +258,7 @@ class Show:
         self._tell(one)
 
     def _waited(self, pes: Sequence[str]) -> events.Waited:
-        """Give the longest time for which a process has waited for a processor, as events name it.
+        """Return the longest time for which a process has waited for a processor, as events name it.
 
         The processes of these PEs, of the managers and of the buses count: each of them may have made a PE silent.
         """
@@ -389,7 +389,7 @@ class Show:
         return [name for name in planned if not self._witness.served(name, now_ns)]
 
     def _driving(self, function: str) -> list[str]:
-        """Give the PEs on which the plan runs output modules of a function."""
+        """Return the PEs on which the plan runs output modules of a function."""
         modules = {} if self._plan is None else self._plan.modules
         return [modules[name].pe for name in self._spec.functions[function].outputs if name in modules]
 

@@ -70,7 +70,7 @@ def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[DemoA
 
 
 def default_actions(plan: PlanDocument | None, seconds: float) -> list[DemoAction]:
-    """Give the usual actions: the PE with most modules is killed after 4 s, and restored after 9 s.
+    """Return the usual actions: the PE with most modules is killed after 4 s, and restored after 9 s.
 
     Actions that are not due within the first `seconds` of the demo are left out.
     """

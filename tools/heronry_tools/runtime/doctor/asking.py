@@ -67,7 +67,7 @@ def ask_tables(bus: "can.BusABC", nodes: Iterable[int]) -> Answers | None:
 
 
 def assess_tables(answers: Answers | None, expected: Expected | None) -> Iterator[Finding]:
-    """Give findings about the tables of PEs.
+    """Yield findings about the tables of PEs.
 
     answers: of the PEs that were asked; None: they cannot be asked.
     expected: has the right digest, and the names of PEs; None: all digests are compared with the first that is known.

@@ -19,7 +19,7 @@ _LEAST_ROOM_BYTES = 16 * 1024 * 1024  # a journal takes less than 1 MB, and othe
 
 
 def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
-    """Give the findings about this computer's Python, its packages, and its kernel's support for CAN.
+    """Yield the findings about this computer's Python, its packages, and its kernel's support for CAN.
 
     needs_can: whether the bus to be used is SocketCAN; if not, the kernel is not checked.
     """
@@ -34,7 +34,7 @@ def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
 
 
 def assess_wake_ups(late_ns: int, heartbeat_ns: int) -> Finding:
-    """Give the finding about how late a node runs on this computer.
+    """Return the finding about how late a node runs on this computer.
 
     late_ns: largest lateness in a rehearsal (`wake_ups`). heartbeat_ns: heartbeat period of the bus.
     """
@@ -47,7 +47,7 @@ def assess_wake_ups(late_ns: int, heartbeat_ns: int) -> Finding:
 
 
 def assess_date(now_s: float, files: Iterable[Path]) -> Finding:
-    """Give the finding about the date: files that are here already were not written in the future.
+    """Return the finding about the date: files that are here already were not written in the future.
 
     A computer without a clock that runs on a battery begins with an old date.
 
@@ -65,7 +65,7 @@ def assess_date(now_s: float, files: Iterable[Path]) -> Finding:
 
 
 def assess_disk(folder: Path) -> Finding:
-    """Give the finding about the disk on which a manager keeps its journal in `folder`."""
+    """Return the finding about the disk on which a manager keeps its journal in `folder`."""
     try:
         disk = os.statvfs(folder)
     except OSError as error:

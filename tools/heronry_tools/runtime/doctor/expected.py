@@ -38,7 +38,7 @@ class Expected:
 
 
 def expected_by_table(file: Path) -> Expected:
-    """Give what the table of a PE says about its bus toward the manager; raises TableError."""
+    """Return what the table of a PE says about its bus toward the manager; raises TableError."""
     table = PeTable.from_json(file.read_text(encoding="utf-8"))
     port = table.ports[table.uplink]
     return Expected(

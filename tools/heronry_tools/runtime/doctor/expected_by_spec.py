@@ -10,13 +10,13 @@ from heronry_tools.runtime.doctor.expected import Expected
 
 
 def expected_in(spec: str) -> Expected:
-    """Give what the spec that the argument SPEC names says about its manager's bus; raises UserError or SpecError."""
+    """Return what the spec that the argument SPEC names says about its manager's bus; raises UserError or SpecError."""
     loaded = load_spec(spec)
     return expected_by_spec(loaded, loaded.manager.bus)
 
 
 def expected_by_spec(spec: Spec, bus_name: str) -> Expected:
-    """Give what a spec says about one of its buses."""
+    """Return what a spec says about one of its buses."""
     bus, rates = spec.buses[bus_name], EchoRates(spec)
     here = [pe for pe in spec.pes.values() if rates.carries(bus_name, pe.name)]
     uplinks = {pe.node_id: uplink_bus(spec, pe.name) for pe in here}

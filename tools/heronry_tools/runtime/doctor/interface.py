@@ -12,7 +12,7 @@ _ACTIVE_BELOW = 96  # of an error counter; from 96 on, the controller is in ERRO
 
 
 def assess_interface(name: str, interface: CanInterface | None, bitrate: int | None) -> Iterator[Finding]:
-    """Give findings about an interface.
+    """Yield findings about an interface.
 
     interface: the values that the kernel gives; None: there is no interface of this name.
     bitrate: bit rate of the spec's bus in bit/s; None: not known.

@@ -49,11 +49,11 @@ class BusNamed:
 
     @property
     def flags(self) -> str:
-        """Give the options `-i` and `-c` by which a command line names the bus."""
+        """Return the options `-i` and `-c` by which a command line names the bus."""
         return f"-i {self.interface} -c {self.channel}"
 
     def start_agents(self, where: str) -> str:
-        """Give the command that starts the agents of PEs, as advice for the user.
+        """Return the command that starts the agents of PEs, as advice for the user.
 
         where: words that say on which computers to run the command; used only if the interface is socketcan.
         """
@@ -62,7 +62,7 @@ class BusNamed:
         return f"pe-agent --table PE.table {self.flags}   (for each PE)"
 
     def stop_manager(self) -> str:
-        """Give the command that ends one of two managers, as advice for the user."""
+        """Return the command that ends one of two managers, as advice for the user."""
         if self.interface == "socketcan":
             return "systemctl stop heronry-manager@SPEC   (on one of them)"
         return "kill PID   (of one of the processes 'heronry manager')"
@@ -165,7 +165,7 @@ class Hearing:
 def assess_hearing(
     heard: Hearing, expected: Expected | None, seconds: float, bus: BusNamed = _CAN0
 ) -> Iterator[Finding]:
-    """Give findings about the frames that were heard in `seconds` on this bus.
+    """Yield findings about the frames that were heard in `seconds` on this bus.
 
     expected: has the PEs of the bus; None: no PE is reported as missing or as not in the spec.
     """
@@ -181,7 +181,7 @@ def assess_hearing(
 
 
 def assess_clock(heard: Hearing) -> Finding:
-    """Give the finding about this computer's clock: whether it was set while listening."""
+    """Return the finding about this computer's clock: whether it was set while listening."""
     if heard.clock_step_ns > CLOCK_STEP_NS:
         says = f"the clock of this computer was set by {heard.clock_step_ns / 1e6:.0f} ms: dates in logs jump"
         return Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
@@ -189,7 +189,7 @@ def assess_clock(heard: Hearing) -> Finding:
 
 
 def assess_beats(heard: Hearing, expected: Expected) -> Iterator[Finding]:
-    """Give findings about PEs whose states come late, by more than one heartbeat period.
+    """Yield findings about PEs whose states come late, by more than one heartbeat period.
 
     After `misses` periods, usually three, a PE counts as lost.
     """
@@ -207,7 +207,7 @@ def assess_beats(heard: Hearing, expected: Expected) -> Iterator[Finding]:
 
 
 def assess_load(heard: Hearing, expected: Expected, seconds: float) -> Iterator[Finding]:
-    """Give the finding about the load of the bus; the worst case of bit stuffing counts, as in the analysis."""
+    """Yield the finding about the load of the bus; the worst case of bit stuffing counts, as in the analysis."""
     if expected.most_load is None:
         return
     load = sum(sender.bits for sender in heard.by_identifier.values()) / seconds / expected.bitrate
@@ -217,7 +217,7 @@ def assess_load(heard: Hearing, expected: Expected, seconds: float) -> Iterator[
 
 
 def assess_foreign(heard: Hearing, expected: Expected, seconds: float) -> Iterator[Finding]:
-    """Give a finding about each declared foreign sender, and about each identifier that is heard and not declared.
+    """Yield a finding about each declared foreign sender, and about each identifier that is heard and not declared.
 
     Loads count the worst case of bit stuffing, as the analysis does. Commands of CANopen, node services and bulk
     transfers are nobody's in particular, so they are left out.
@@ -264,7 +264,7 @@ def _identifier(first: int, last: int, *, extended: bool) -> str:
 
 
 def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
-    """Give the finding about a replicated bus: whether every node that is heard is heard on both channels.
+    """Return the finding about a replicated bus: whether every node that is heard is heard on both channels.
 
     expected: has the names of the nodes; None: the finding names nodes by their node-IDs.
     """
@@ -282,7 +282,7 @@ def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
 
 
 def assess_traffic(heard: Hearing, seconds: float, bus: BusNamed) -> Finding:
-    """Give the finding about frames and error frames; `bus`: for the remedy where there are none."""
+    """Return the finding about frames and error frames; `bus`: for the remedy where there are none."""
     told = "".join(f", {kind} {times}" for kind, times in sorted(heard.errors.items()))
     if heard.is_bus_off or heard.errors:
         remedy = "check termination (120 ohm at both ends), wiring, and the bit rate of every node"
@@ -293,7 +293,7 @@ def assess_traffic(heard: Hearing, seconds: float, bus: BusNamed) -> Finding:
 
 
 def assess_managers(heard: Hearing, bus: BusNamed) -> Finding:
-    """Give the finding about the managers that are active: there should be one."""
+    """Return the finding about the managers that are active: there should be one."""
     is_active = ", ".join(f"{node} (term {term})" for node, term in sorted(heard.terms.items()))
     if not heard.terms:
         return Finding("manager", "no manager is heard", f"heronry manager SPEC {bus.flags}")
@@ -303,7 +303,7 @@ def assess_managers(heard: Hearing, bus: BusNamed) -> Finding:
 
 
 def assess_twins(heard: Hearing) -> Iterator[Finding]:
-    """Give a finding for each node-ID that two nodes use."""
+    """Yield a finding for each node-ID that two nodes use."""
     for node, seen in sorted(heard.incarnations.items()):
         if len(seen) > len(set(seen)):  # one, another, and the first again: no single computer sends that
             says = f"two nodes have node-ID {node}"

@@ -109,7 +109,7 @@ class SoftBus(can.BusABC):
         self._link.ask({"do": "disturb", "slowdown": slowdown, "loss": loss_per_mille})
 
     def frame_port(self) -> Batches:
-        """Give the port by which a node reads and sends from now on; then `recv` and `send` must not be called."""
+        """Return the port by which a node reads and sends from now on; then `recv` and `send` must not be called."""
         self._batches = Batches(self._link, self._receive, self._path)
         return self._batches
 

@@ -84,7 +84,7 @@ class Line:
         )
 
     def on_air_until_ns(self) -> int | None:
-        """Give the end (ns) of the frame on the air; None: no frame is known to be on the air."""
+        """Return the end (ns) of the frame on the air; None: no frame is known to be on the air."""
         return None if self._on_air is None else self._on_air.end_ns
 
     def hurry(self, client: int) -> None:
@@ -115,7 +115,7 @@ class Line:
         return gone
 
     def frame_ns(self, sent: BusFrame) -> int:
-        """Give the time for which a frame occupies the bus, in ns, rounded up."""
+        """Return the time for which a frame occupies the bus, in ns, rounded up."""
         return -(-_bits_of(sent.frame) * self.slowdown * NS_PER_S // self.bitrate)
 
     def _next_start_ns(self) -> int:

@@ -22,7 +22,7 @@ class BusNameError(HeronryError, ValueError):
 
 
 def path_to_listen(channel: str) -> Path:
-    """Give the path at which a hub serves the bus `channel`; if `channel` is a name, create the path's folder.
+    """Return the path at which a hub serves the bus `channel`; if `channel` is a name, create the path's folder.
 
     Raises RuntimeFolderError if the folder cannot be created or another user could write into it, and
     BusNameError if `channel` is neither a path nor a name.
@@ -31,7 +31,7 @@ def path_to_listen(channel: str) -> Path:
 
 
 def path_to_call(channel: str) -> Path:
-    """Give the path at which clients find the bus `channel`.
+    """Return the path at which clients find the bus `channel`.
 
     Raises RuntimeFolderError if `channel` is a name and another user could write into the folder for it, and
     BusNameError if `channel` is neither a path nor a name.
@@ -40,7 +40,7 @@ def path_to_call(channel: str) -> Path:
 
 
 def _path(channel: str, safe_folder: Callable[[Path], Path]) -> Path:
-    """Give the path of the bus `channel`; `safe_folder` checks the folder in which a bus with a name is."""
+    """Return the path of the bus `channel`; `safe_folder` checks the folder in which a bus with a name is."""
     if _is_path(channel):
         return Path(channel)
     try:
@@ -58,7 +58,7 @@ def _checked(name: str) -> str:
 
 
 def how_to_start(channel: str) -> str:
-    """Give a line of text with the command that starts a hub for the bus `channel`.
+    """Return a line of text with the command that starts a hub for the bus `channel`.
 
     If `channel` is a name, the line also lists the other buses that were started by name.
     """

@@ -27,7 +27,7 @@ def serve(channel: str, bitrate: int, *, until_eof: bool) -> int:
 
 @contextmanager
 def _woken_by_signals() -> Iterator[int]:
-    """Give a descriptor that becomes readable when Ctrl-C or SIGTERM comes."""
+    """Yield a descriptor that becomes readable when Ctrl-C or SIGTERM comes."""
     woken, wake = socket.socketpair()
     with woken, wake:
         woken.setblocking(False)

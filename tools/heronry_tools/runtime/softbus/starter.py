@@ -60,7 +60,7 @@ class HubProcess:
 
     @property
     def pid(self) -> int:
-        """Give the process number of the hub."""
+        """Return the process number of the hub."""
         return self._process.pid
 
     def kill(self) -> None:

@@ -120,7 +120,7 @@ def _interface_names(text: str) -> list[str]:
 
 
 def _can_utils() -> Path | None:
-    """Give the folder with candump and cansend, fetched if needed; None if they are installed."""
+    """Return the folder with candump and cansend, fetched if needed; None if they are installed."""
     if shutil.which("candump") and shutil.which("cansend"):
         return None
     return debian_packages.unpacked("can-utils") / "usr" / "bin"

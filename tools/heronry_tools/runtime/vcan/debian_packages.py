@@ -25,7 +25,7 @@ from heronry_tools.runtime.vcan.errors import CannotRunError
 
 
 def cache_folder() -> Path:
-    """Give the folder of the packages: ``heronry/uml/<release>-<processor>`` in the user's cache folder."""
+    """Return the folder of the packages: ``heronry/uml/<release>-<processor>`` in the user's cache folder."""
     return user_cache("uml") / f"{_release()}-{platform.machine()}"
 
 
@@ -120,7 +120,7 @@ def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def _reason(finished: subprocess.CompletedProcess[str]) -> str:
-    """Give the error message of a tool on one line."""
+    """Return the error message of a tool on one line."""
     lines = [line for line in finished.stderr.splitlines() if line.strip()]
     errors = [line.removeprefix("E:").strip() for line in lines if line.startswith("E:")]
     return "; ".join(errors or lines[-1:]) or f"exit code {finished.returncode}"

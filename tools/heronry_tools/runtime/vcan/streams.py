@@ -48,7 +48,7 @@ class Streams:
 
     @property
     def source(self) -> str:
-        """Give the file that is the command's standard input in the guest."""
+        """Return the file that is the command's standard input in the guest."""
         return os.devnull if self.keyboard is None else TERMINAL
 
     def _add_terminal(self, ours: int) -> None:

@@ -112,7 +112,7 @@ class Forgery:
 
     @property
     def listens_to(self) -> Collection[int]:
-        """Give the identifiers of the frames that `hear` must be given."""
+        """Return the identifiers of the frames that `hear` must be given."""
         return self._nodes_of.keys()
 
     def hear(self, frame: Frame) -> None:

@@ -191,7 +191,7 @@ class _Reader:
         return value
 
     def _number(self, one: ET.Element, depth: int = 0) -> float | None:
-        """Give a number, directly or by a parameter; None for any other expression."""
+        """Return a number, directly or by a parameter; None for any other expression."""
         if one.tag in ("float", "int"):
             try:
                 return float(one.get("value") or "")
