@@ -51,10 +51,7 @@ def window_ns(heartbeat_ns: int) -> int:
 
 
 def latest_copy_ns(heartbeat_ns: int) -> int:
-    """Longest time in ns from the end of a frame on one channel to the start of its copy on the other.
-
-    A copy that starts later arrives after the window in which the receiver recognizes it as a copy.
-    """
+    """Longest time in ns between a frame on one channel and its copy on the other, so that it is known as one."""
     return heartbeat_ns // 4
 
 

@@ -167,10 +167,8 @@ def _end(number: int) -> NoReturn:
 
 
 def _report_unraisable(unraisable: "sys.UnraisableHookArgs", /) -> None:
-    """Report an exception that the interpreter has swallowed, as Python does; report no `Interrupted`.
-
-    After a swallowed `Interrupted`, the second thread (see the head of this file) ends the process.
-    """
+    """Report an exception that the interpreter has swallowed, as Python does, but no `Interrupted`."""
+    # after that one the second thread (see head) ends the process
     if not isinstance(unraisable.exc_value, Interrupted):
         sys.__unraisablehook__(unraisable)
 

@@ -170,8 +170,5 @@ def read_identification(message: ServiceMessage) -> Identification | Malformed:
 
 
 def answer_delay_ns(request: ServiceMessage, node_id: int) -> int:
-    """Return how long a node waits before it answers, in ns.
-
-    This is `node_id` - 92 milliseconds if the request was for all nodes, otherwise 0.
-    """
+    """Return how long (ns) a node waits before it answers: by its node-ID, if the request was for all nodes."""
     return (node_id - FIRST_PE) * _NS_PER_MS if request.datum.node_id == BROADCAST else 0

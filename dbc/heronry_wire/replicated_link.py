@@ -107,10 +107,7 @@ class ReplicatedLink:
 
     @property
     def nothing_waits(self) -> bool:
-        """Whether at least one open channel has no frame that waits for the controller of this channel.
-
-        Also True if no channel is open.
-        """
+        """Whether at least one open channel has no frame that waits for its controller; True if none is open."""
         return any(link.nothing_waits for link in self.links if link.is_open) or not self.is_open
 
     @property

@@ -94,10 +94,7 @@ def read_number(value: bytes) -> int:
 
 
 def expedited_length(command: int) -> int:
-    """Return the number of data bytes in a message that opens a transfer and carries all of its data.
-
-    command: first byte of the message.
-    """
+    """Return the number of data bytes in a message with all data, from its first byte."""
     return EXPEDITED_BYTES - (command >> 2 & 3)
 
 
@@ -158,8 +155,5 @@ def block_checksum(message: bytes) -> int:
 
 
 def crc(data: bytes | bytearray) -> int:
-    """Compute the checksum of the data of a block transfer: CRC-16, polynomial 1021h, start value 0.
-
-    Source: CiA 301, 7.2.4.3.16.
-    """
+    """Compute the checksum of a block transfer: CRC-16, polynomial 1021h, start value 0 (CiA 301, 7.2.4.3.16)."""
     return crc_hqx(data, 0)

@@ -183,11 +183,9 @@ def _datum(
 
 
 def _arrives(hop: Hop, responses: _Responses) -> int | None:
-    """Return how late data may come to the bus of `hop`: the response time (ns) of the hop before; None: no bound.
-
-    The time is 0 if no hop comes before, and if the bus before is wireless, since wireless buses are not analysed.
-    """
+    """Return how late (ns) data may come to the bus of `hop`; None: no bound."""
     before = responses.get((hop.producer, hop.variable, hop.after)) if hop.after is not None else None
+    # nothing is before, or a radio, which is not analysed
     return 0 if before is None else before.response_ns
 
 

@@ -12,11 +12,7 @@ N = TypeVar("N")
 
 
 def components(graph: Mapping[N, Collection[N]]) -> list[list[N]]:
-    """Return the strongly connected components of a graph (Tarjan 1972).
-
-    A component comes after the components to which its nodes point. The nodes of a component are in the order of the
-    graph.
-    """
+    """Return the strongly connected components of a graph (Tarjan 1972), each after those to which it points."""
     return _Tarjan(graph).found()
 
 

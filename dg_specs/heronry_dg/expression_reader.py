@@ -383,12 +383,7 @@ def _expressions(inputs: list[Reading]) -> tuple[Expression, ...]:
 
 
 def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
-    """Return the best and the worst version of a variable that a reference accepts.
-
-    A reference without a version accepts all versions.
-
-    versions: how many versions the variable has.
-    """
+    """Return the best and the worst of a variable's `versions` that a reference accepts; all, if it names none."""
     if match["version"] is None:
         return 1, versions
     version = int(match["version"])
@@ -398,14 +393,10 @@ def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
 def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> tuple[int, ...]:
     """Return the points of an input without `worth`, one number per accepted version, best version first.
 
-    If the input accepts only one version, and is below neither an OR nor a XOR, the points are 0. Otherwise a better
-    version gets more points than a worse one.
-
-    best, worst: the best and the worst version that the input accepts.
-    versions: how many versions the variable has.
-    below_choice: whether the input is below an OR or a XOR.
+    versions: how many versions the variable has. below_choice: whether the input is below an OR or a XOR.
     """
     if not below_choice and best == worst:
+        # there is nothing to choose between
         return (0,)
     return tuple(versions - version + 1 for version in range(best, worst + 1))
 

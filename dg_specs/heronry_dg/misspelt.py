@@ -62,14 +62,9 @@ def blame_declarations(draft: Draft, findings: Findings) -> None:
 
 
 def _is_rather_meant(name: str, other: str, words: Counter[str]) -> bool:
-    """Tell whether `name`, rather than `other`, is the name that the author meant.
-
-    The answer is yes if both conditions hold:
-
-    - Each word of `name` that `other` lacks occurs elsewhere in the file.
-    - No word of `other` that `name` lacks occurs elsewhere in the file.
-    """
+    """Tell whether `name`, rather than `other`, is the name that the author meant."""
     one, two = set(name.split("_")), set(other.split("_"))
+    # the words that only `name` has stand elsewhere in the file, and those that only `other` has do not
     return all(words[word] > 1 for word in one - two) and all(words[word] == 1 for word in two - one)
 
 

@@ -157,12 +157,10 @@ def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelRep
 
 
 def _reported(level: str, key: int) -> int:
-    """Convert an integer of `Objective.key` to the value of this level in a report.
-
-    Costs are negative in a key and positive in a report. Thousandths of bits per second become bits per second,
-    rounded down.
-    """
+    """Convert an integer of `Objective.key` to the value of this level in a report."""
+    # in a key more is better
     quantity = -key if level in _COSTS else key
+    # thousandths of a bit/s, rounded down
     return quantity // 1000 if level == "bus_bits_per_s" else quantity
 
 
@@ -184,10 +182,7 @@ def modules_json(configuration: Configuration) -> Json:
 
 
 def _percent(share: Fraction) -> str:
-    """Write a limit, which is a share of an element's capacity, as an exact percentage.
-
-    A finite number of digits is enough, because a user can write a limit only as a finite decimal.
-    """
+    """Write a share as an exact percentage: a user can write a limit only as a finite decimal."""
     percent = Decimal(share.numerator * 100) / share.denominator
     return f"{percent.normalize():f}%"
 

@@ -204,10 +204,7 @@ def _key(hop: Hop) -> tuple[str, str, str]:
 
 
 def _management(spec: Spec, bus: Bus) -> list[Message]:
-    """Return the management frames of a bus, which are more urgent than all data.
-
-    These are the state of each PE and the frames of the manager, each once in a heartbeat period.
-    """
+    """Return the state of each PE and the frames of the manager, which are more urgent than all data of a bus."""
     period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
     senders = sum(bus.name in pe.buses for pe in spec.pes.values()) + MANAGER_FRAMES
     return [Message("management", WORST_BLOCKING_BITS, period, 0, period)] * senders
@@ -229,9 +226,6 @@ def _period_ns(spec: Spec, hop: Hop) -> Fraction:
 
 
 def _deadline_ns(spec: Spec, hop: Hop) -> Fraction:
-    """Deadline of a datum in ns, counted from when it is due.
-
-    If the spec gives no deadline, the result is the period of the datum.
-    """
+    """Deadline of a datum in ns from when it is due: its period, unless the spec gives another."""
     given = spec.variables[hop.variable].deadline_ns
     return _period_ns(spec, hop) if given is None else Fraction(given)

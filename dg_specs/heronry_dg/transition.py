@@ -355,10 +355,7 @@ class _Mixtures:
 
 
 def _links(configuration: Configuration, runs: Placement) -> Iterator[tuple[Source, str]]:
-    """Yield, for each wire, its source and the PE of its consumer.
-
-    A wire is left out if its producer or its consumer is not in `runs`.
-    """
+    """Yield the source and the consumer's PE of each wire whose ends both run."""
     for consumer, _, wire in configuration.wires():
         if wire.producer in runs and consumer in runs:
             yield (wire.producer, wire.variable), runs[consumer][1]

@@ -49,11 +49,7 @@ class Feasible:
                 yield module, mode
 
     def can_hold(self, needs: Expression | None, before: int) -> bool:
-        """Tell whether a gate expression could be met with the modes that were left at the beginning of round `before`.
-
-        needs: the expression; None: there is nothing to meet, so the answer is True.
-        before: a round in which modes that cannot run were removed (`Feasibility`).
-        """
+        """Tell whether an expression could be met with the modes left when round `before` began (`Feasibility`)."""
         return needs is None or could_hold(needs, lambda leaf: self._could_be_given(leaf, before))
 
     def _could_be_given(self, leaf: Leaf, before: int) -> bool:

@@ -32,11 +32,7 @@ class Loops:
     _homes_at: Mapping[str, list[tuple[int, frozenset[str]]]]  # by vertex: loop and vertices of a home that holds it
 
     def through(self, vertices: frozenset[str]) -> bool:
-        """Tell whether some loop leads through these vertices and also outside.
-
-        A loop does so if all vertices of at least one of its homes are among these vertices, and those of at least one
-        other home are not.
-        """
+        """Tell whether some loop has a home within these vertices, and another one that is not."""
         return any(count < len(self.found[loop]) for loop, count in self._within(vertices).items())
 
     def control(self, vertices: frozenset[str]) -> bool:
@@ -57,10 +53,7 @@ class Loops:
         return bool(joined)
 
     def _within(self, vertices: frozenset[str]) -> Counter[int]:
-        """Return, by number of a loop, how many homes of the loop (head of this file) lie within these vertices.
-
-        A loop without such a home is left out.
-        """
+        """Count, by number of a loop, its homes (see head) that lie within these vertices."""
         near = {home for vertex in vertices for home in self._homes_at.get(vertex, ())}
         return Counter(loop for loop, home in near if home <= vertices)
 

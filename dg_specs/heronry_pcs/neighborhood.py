@@ -36,10 +36,7 @@ def neighbors(graph: Graph) -> Mapping[str, set[str]]:
 
 
 def _crossings(graph: Graph) -> set[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Return a pair for each edge: the members of the graph that hold its start, and the members that hold its end.
-
-    If several edges have the same pair, the result has this pair once.
-    """
+    """Return, for the edges, each pair of the members that hold the start and those that hold the end, once."""
     return {(graph.holders.get(start, ()), graph.holders.get(end, ())) for start, end in graph.edges}
 
 

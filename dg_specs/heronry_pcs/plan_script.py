@@ -75,10 +75,7 @@ def apply_to_plan(
 
 
 def _target(leaf: Leaf, port: str) -> str:
-    """Complete the name of the port of `leaf` at which an edge ends: a variable `V` becomes the input `V:PATH`.
-
-    If the leaf has no input of this variable, or several, the result is `port` as written.
-    """
+    """Complete the name of the port of `leaf` at which an edge ends: `V` becomes `V:PATH` if one input reads V."""
     inputs = [one for one in leaf.ports if one.startswith(f"{port}:")] if ":" not in port else []
     return inputs[0] if len(inputs) == 1 else port
 

@@ -119,10 +119,7 @@ def _told(
 
 
 def _without_echoes(told: list[Finding], rules: Mapping[str, Rule]) -> list[Finding]:
-    """Remove the findings of rules that are an `echo` if the same family of rules has an error among `told`.
-
-    Such a finding may be only a consequence of that error.
-    """
+    """Remove findings of `echo` rules, which may follow from an error of the same family."""
     hushed = {finding.code[:3] for finding in told if finding.severity is Severity.ERROR}
     return [finding for finding in told if not (rules[finding.code].echo and finding.code[:3] in hushed)]
 

@@ -158,10 +158,7 @@ def _attribute(text: str) -> str:
 
 
 def _xml(text: str) -> str:
-    """Replace by U+FFFD each character that is not printable, except tab and newline.
-
-    XML 1.0 forbids most of these characters.
-    """
+    """Replace what XML 1.0 forbids, and all else that is not printable, by U+FFFD."""
     return "".join(c if c.isprintable() or c in "\t\n" else "\ufffd" for c in text)
 
 

@@ -31,10 +31,7 @@ def _display(needs: str) -> str:
 
 
 def _voter(needs: str) -> str:
-    """Write sections of a spec: two drivers, each of which gives its own version of `speed`, and a display.
-
-    needs: the field `needs` of the display.
-    """
+    """Write sections of a spec: two drivers, each with a version of `speed` of its own, and a display with `needs`."""
     return f"{_TWO_DRIVERS}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 

@@ -41,11 +41,7 @@ def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
 
 
 def count_plans(spec: Spec) -> int:
-    """Return how many plans `fault_cases` requests for one phase, if that phase uses every device and module.
-
-    The result is too small by one for each gateway: the loss of a gateway is also a case of the class BUS_LOST,
-    with a plan of its own.
-    """
+    """Return how many plans `fault_cases` requests for one phase that uses everything; one less for each gateway."""
     return 1 + 2 * len(spec.pes) + len(spec.buses) + len(spec.devices) + len(spec.modules)
 
 

@@ -75,10 +75,7 @@ class Knowledge:
             self.authenticity.forget()
 
     def _digest_of(self, epoch: int) -> int | None:
-        """Return the digest of an epoch of this manager, or of a manager that it followed.
-
-        None: the digest is not known.
-        """
+        """Return the digest of an epoch of this manager, or of one that it followed; None: not known."""
         known = self.deployment.digest_of(epoch)
         return self.following.digest_of(epoch) if known is None else known
 

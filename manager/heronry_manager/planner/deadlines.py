@@ -272,8 +272,5 @@ def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
 
 
 def _demand(message: Message, end: Fraction) -> int:
-    """Return the length in bits of all instances of a more urgent message that may be released up to `end`.
-
-    end: a moment, in bit times after the beginning of a window.
-    """
+    """Return the bits of all instances of a message released up to `end` (bit times after a window begins)."""
     return ceil((end + 1) / message.period) * message.bits

@@ -245,10 +245,7 @@ class Search:
         return all(level.value(self._key) == self._bounds[level.position] for level in group)
 
     def _bound(self, group: list[Level], bound: int) -> None:
-        """Work out an upper bound for each level of a group; a bound is kept only if it is lower than the known one.
-
-        bound: upper bound that the solver has proven for the sum into which the levels of the group are merged.
-        """
+        """Lower the upper bounds of a group of levels by what was proven for the sum into which they are merged."""
         for level, most in zip(group, bounds_of(group, bound, self._key), strict=True):
             self._bounds[level.position] = min(most, self._bounds[level.position])
 

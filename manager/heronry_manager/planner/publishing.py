@@ -142,10 +142,7 @@ class Publishing:
             self._model.add(published >= linked + at_producer - at_consumer - 1)
 
     def _only_side(self, module: str, sides: list[Side]) -> Side | None:
-        """Return the side of a bus on which all possible PEs of a module are; None: they are on several sides.
-
-        sides: all sides of the bus (head of this file).
-        """
+        """Return which of all sides of the bus (see head) has all possible PEs of a module; None: several."""
         return next((side for side in sides if side.issuperset(self._placing.pes[module])), None)
 
     def _publication(self, producer: str, variable: str, bus: str) -> IntVar:

@@ -219,17 +219,11 @@ class ManagerDriver:
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
 
     def _core_due_ns(self) -> int | None:
-        """Return the core's deadline on this computer's clock, in ns.
-
-        None if the core has no deadline, or while its clock stands still.
-        """
+        """Return the core's deadline (ns) on this computer's clock; None: it has none, or its clock stands still."""
         return self._on_this_clock(self._core.next_deadline_ns())
 
     def _on_this_clock(self, core_ns: int | None) -> int | None:
-        """Convert a time on the core's clock to this computer's clock.
-
-        None if `core_ns` is None, or while the core's clock stands still.
-        """
+        """Convert a time on the core's clock to this computer's clock; None while the core's clock stands still."""
         return None if core_ns is None or self._frozen_ns is not None else core_ns + self._stood_still_ns
 
     def _measure_lateness(self, now_ns: int) -> None:

@@ -230,13 +230,7 @@ class CommandAcceptance:
         return None
 
     def _withdraw(self, before: Slice, after: Slice) -> None:
-        """Withdraw the unsent data frames of each source that has changed for this PE.
-
-        A source has changed in two cases: this PE no longer sends or forwards its data, or the data now come from
-        another node than before.
-
-        before, after: what the PE sends before and after an activation step.
-        """
+        """Withdraw the unsent data frames of each source that this PE no longer sends, or now has from another node."""
         made_by, wanted_of = _producers(before), _producers(after)
         gone = [source for source, node in made_by.items() if source not in wanted_of or wanted_of[source] != node]
         self.turn.withdraw(self.index.identifiers(gone))

@@ -77,10 +77,7 @@ class TableIndex:
 
 
 def _stand_back_ns(port: Port) -> int:
-    """Time in ns that PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take on the bus.
-
-    After a PREPARE, data frames are held back for this time.
-    """
+    """Time in ns for which data stand back after a PREPARE: that of four commands and three frames of each PE."""
     frames = 4 + 3 * (1 + len(port.nodes))
     return frames * WORST_BLOCKING_BITS * 1_000_000_000 // port.bitrate
 

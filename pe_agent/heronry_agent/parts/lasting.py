@@ -21,11 +21,7 @@ class Lasting:
         self._held = 0
 
     def is_due(self, holds: bool) -> bool:
-        """Note whether the condition holds in this step; tells whether it is to be reported now.
-
-        The result is True when the condition has held for `patience_ns`, and for at least three steps, without
-        a break. It is True again each time after the same number of steps, because the operator may have
-        cleared the fault after the first report.
-        """
+        """Note whether the condition holds in this step; tells whether it is to be reported now, or once more."""
         self._held = self._held + 1 if holds else 0
+        # once more, since the operator may have cleared the fault after a report
         return holds and self._held % self._enough == 0

@@ -140,10 +140,7 @@ def _lines_of(file: Path) -> list[str]:
 
 
 def _is_wrong(outcome: Outcome) -> bool:
-    """Tell whether a flight has a violation of any rule but MISSED.
-
-    MISSED means that a fault which the user named was not injected.
-    """
+    """Tell whether a flight has a violation, other than that a fault of the user was not injected (MISSED)."""
     return any(violation.rule != MISSED for violation in outcome.violations)
 
 

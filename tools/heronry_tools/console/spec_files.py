@@ -88,10 +88,7 @@ def _is_pipe(text: str) -> bool:
 
 
 def _is_in_git(text: str) -> bool:
-    """Tell whether a text has the form REV:PATH, and there is no file of this name.
-
-    An empty REV stands for the staged content.
-    """
+    """Tell whether a text is REV:PATH (an empty REV: what is staged), and no file of this name."""
     return ":" in text and not text.startswith("-") and not Path(text).exists()
 
 

@@ -113,9 +113,6 @@ def events_of(folder: Path) -> Iterator[Event]:
 
 
 def _whole_lines(file: Path) -> list[str]:
-    """Return the complete lines of a file.
-
-    A last line without its end is left out: `heronry record` may have been killed while it wrote the line.
-    """
+    """Return the complete lines of a file; `heronry record` may have been killed while it wrote the last one."""
     whole, _, _ = file.read_text(encoding="utf-8", errors="replace").rpartition("\n")
     return whole.splitlines()

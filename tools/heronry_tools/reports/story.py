@@ -109,16 +109,9 @@ class Story:
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event.term}, after {silent}", "title")
 
     def _needs_a_line(self, event: events.StoodStill) -> bool:
-        """Tell whether a standstill needs a line of its own; remember the standstill if so.
-
-        A busy computer stands still many times in a row. So a standstill gets a line only in these cases:
-
-        - There was no line about a standstill of its computer before.
-        - There was no such line since a PE was lost. (The standstill may be the cause of the loss.)
-        - The standstill is longer than the one in the last such line.
-        - The last such line is at least two seconds old.
-        """
+        """Tell whether a standstill needs a line, and remember it if so: a busy computer has many in a row."""
         told_ns, for_ns = self._standstills.get(event.by, (-_WHILE_NS, 0))
+        # longer than the last one told, or told long ago; a loss makes all be told again
         needs_one = event.for_ns > for_ns or event.t_ns - told_ns >= _WHILE_NS
         if needs_one:
             self._standstills[event.by] = event.t_ns, event.for_ns

@@ -136,11 +136,7 @@ def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
 
 
 def _node(arguments: argparse.Namespace) -> int:
-    """Return the node-ID of this manager.
-
-    This is the node-ID on the command line. If the command line names none, it is the usual node-ID of a
-    standby manager (with the option --standby) or of an active manager (without this option).
-    """
+    """Return the node-ID of this manager: that of the command line, or the usual one of its kind."""
     if arguments.node is not None:
         return int(arguments.node)
     return LAST_MANAGER if arguments.standby else FIRST_MANAGER

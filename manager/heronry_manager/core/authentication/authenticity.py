@@ -359,11 +359,7 @@ class Authenticity:
         return found
 
     def _was_mine(self, manager: int) -> bool:
-        """Tell whether the command proven last may be a replay of one of this manager's own commands.
-
-        This is so if the command has this manager's node-ID, and its term and number are not above those of the last
-        command that this manager has tagged.
-        """
+        """Tell whether the command proven last may be a replay of one that this manager has tagged."""
         mine = Place(self._signer.term, self._signer.number)
         return manager == self._turn.node and self._managers.places[manager] <= mine
 

@@ -324,11 +324,8 @@ class Deployment:
         return True
 
     def _needs_new(self, pe: str, current: Epoch) -> bool:
-        """Tell whether a PE that joins late needs a new epoch.
-
-        The answer is yes if the slice of the PE in the current epoch is not empty (the PE runs a module or
-        forwards data), or if the PE may have staged a newer epoch.
-        """
+        """Tell whether a PE that joins late needs a new epoch."""
+        # it runs or forwards something in the current epoch, or may have staged a newer one
         return bool(current.compiled.slices[self._spec.pes[pe].node_id]) or self._has_given_up
 
     def adopts(self, plan: Plan) -> bool:
@@ -341,8 +338,7 @@ class Deployment:
     def adopts_remembered(self, now: Situation, runs: Runs | None) -> bool:
         """Adopt a remembered or overheard configuration if the PEs run it; tells whether it was adopted.
 
-        now: the present situation; the plan counts as made for the limits in it.
-        runs: the remembered or overheard configuration, with its epoch; None: there is none, so none is adopted.
+        now: the plan counts as made for the limits in this situation.
         """
         return self._stands_on(self._adoption.of_remembered(runs, now))
 

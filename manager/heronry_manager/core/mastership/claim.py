@@ -172,11 +172,7 @@ class Claim:
         return True
 
     def learns_for(self, leases: int) -> None:
-        """Listen for `leases` times T_lease from now on.
-
-        A manager that only advises calls this when it first hears an active manager: before it advises, it has
-        to learn the facts that the active manager announces.
-        """
+        """Listen for `leases` times T_lease from now on, to learn what an active manager announces."""
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:

@@ -169,11 +169,7 @@ class Following:
 
     @property
     def runs(self) -> Runs | None:
-        """The configuration that runs, as far as this manager knows; None: it knows none.
-
-        This is the last configuration that the manager has overheard completely, with its activation. Until it has
-        overheard one, it is the configuration in its memory.
-        """
+        """The configuration overheard last with its activation, else the one in the memory; None: not known."""
         return self._overheard.runs
 
     def holds_script(self) -> bool:
@@ -248,10 +244,8 @@ class Following:
         return frozenset(speak & self._available if self._available else speak)
 
     def _heard(self) -> dict[str, bool]:
-        """Return each PE whose state was heard within T_lease, and whether the PE reports that it hears a LEASE.
-
-        An unproven state counts only if the PE has proven no state within T_lease.
-        """
+        """Return each PE heard within T_lease, and whether it reports that it hears a LEASE."""
+        # what was proven counts more than what was not
         return self._recently(self._unproven) | self._recently(self._said)
 
     def _recently(self, said: Mapping[str, tuple[int, bool]]) -> dict[str, bool]:

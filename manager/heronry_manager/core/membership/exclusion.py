@@ -41,10 +41,7 @@ which. After a jump no time may have passed at all, so no part of such a gap cou
 than the manager assumes. A late or doubled page 0 has no effect (`deployment`). A manager that restarts knows no
 tokens. For each PE that this manager does not hear, T_lease counts from the first ALIVE of this manager.
 
-*T_lease.* The manager does not know whether a silent PE is dead or cut off. Therefore T_lease must pass before another
-PE drives a DEMUX of that PE. The manager also fails a PE that sends but does not acknowledge commands. Such a PE goes
-on sending until it hears an ALIVE that does not name it. So T_lease must also pass before another PE uses the
-identifiers of its modules.
+docs/protocol/exclusion.md tells the PE's half, and why T_lease must pass.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -125,11 +122,7 @@ class Exclusion:
 
     @property
     def waits(self) -> bool:
-        """Tell whether `said` must be called when the next ALIVE is on the bus.
-
-        This is so if the ALIVE that goes out next leaves out a PE which the last ALIVE on the bus may have named.
-        T_lease of this PE counts from that ALIVE.
-        """
+        """Tell whether `said` must be called when the next ALIVE is on the bus, since it names one PE less."""
         return bool(self._unsaid)
 
     def said(self, pes: Collection[str], now_ns: int) -> None:
@@ -152,12 +145,7 @@ class Exclusion:
         self._unsent_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._unsent_ns.items()}
 
     def activated(self, placed: Mapping[str, set[str]]) -> None:
-        """Give each PE the tokens of a configuration, in addition to those that the PE holds.
-
-        To be called when the first ACTIVATE of this configuration is about to go out.
-
-        placed: the tokens of the configuration, by PE.
-        """
+        """Give each PE the tokens of a configuration in addition to its own, before the first ACTIVATE goes out."""
         for pe, tokens in placed.items():
             self._holds[pe] |= tokens
 
@@ -173,11 +161,7 @@ class Exclusion:
         self._holds[pe] = set()
 
     def declared_down(self, pe: str, heard_ns: int) -> None:
-        """Note that a PE was declared down for its silence, which has lasted since `heard_ns`.
-
-        After three and a quarter heartbeat periods of silence (head of this file), the PE certainly sends no more
-        data of modules.
-        """
+        """Note that a PE was declared down for its silence since `heard_ns` (head: when it sends no more)."""
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
@@ -185,28 +169,15 @@ class Exclusion:
         self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
-        """Return the available PEs that must give up a token, since `placed` gives this token to another PE.
-
-        The manager waits until these PEs report BROKEN.
-
-        placed: tokens by PE.
-        """
+        """Return the available PEs that must report BROKEN, since `placed` gives a token of theirs to another PE."""
         return {pe for pe in available if self._rivals(pe, placed)}
 
     def demux_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """Return the time in ns at which all unavailable PEs have certainly stopped driving DEMUXes that must move.
-
-        placed: tokens by PE. A DEMUX must move if an unavailable PE holds its token and `placed` has it on another PE.
-        None: all have stopped already.
-        """
+        """Return when (ns) unavailable PEs have certainly stopped driving DEMUXes that `placed` moves; None: now."""
         return self._free_ns(placed, available, now_ns, demux=True)
 
     def identifiers_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """Return the time in ns at which all unavailable PEs have certainly stopped sending for modules that must move.
-
-        placed: tokens by PE. A module must move if an unavailable PE holds its token and `placed` has it on another PE.
-        None: all have stopped already.
-        """
+        """Return when (ns) unavailable PEs certainly stop sending for modules that `placed` moves; None: now."""
         return self._free_ns(placed, available, now_ns, demux=False)
 
     def _free_ns(
@@ -226,10 +197,7 @@ class Exclusion:
         return max(ends, default=None)
 
     def _rivals(self, pe: str, placed: Mapping[str, set[str]]) -> set[str]:
-        """Return the tokens that the PE `pe` holds, and whose exclusive thing `placed` has on another PE.
-
-        A token that `placed` also gives to `pe` itself is left out.
-        """
+        """Return the tokens of a PE whose exclusive thing `placed` gives to another PE, and not to this one as well."""
         mine = placed[pe]
         others = {_exclusive_thing(token) for other, tokens in placed.items() for token in tokens if other != pe}
         return {token for token in self._holds[pe] - mine if _exclusive_thing(token) in others}

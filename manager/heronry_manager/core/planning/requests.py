@@ -164,19 +164,11 @@ class PlanRequests:
         self.request(now, running, in_background=True, target=target)
 
     def target_taken(self) -> None:
-        """Note that the configuration of a script is deployed.
-
-        The request made for the script no longer counts as a background request.
-        So the optimal plan may be requested later.
-        """
+        """Note that the configuration of a script is deployed: the optimal plan may be requested later."""
         self.in_background = False
 
     def target_refused(self) -> None:
-        """Note that the script is refused.
-
-        The plan that was requested for comparison with the script now counts as a plan from a background request:
-        its causes are named accordingly, and keep their times.
-        """
+        """Note that the script is refused: the plan made for comparison counts as one from a background request."""
         self.causes = [Cause(_IN_BACKGROUND, cause.known_ns, cause.since_ns) for cause in self.causes]
 
     def forget(self) -> None:

@@ -48,12 +48,7 @@ class Storms:
 
     @property
     def rages(self) -> bool:
-        """Tell whether there is a storm.
-
-        There is one if changes have ended at least `_RESTARTS` epochs or requests for plans in succession, and
-        the first of these ended at least `_STORM_NS` ago. In a storm changes are gathered until the epoch or the
-        request for a plan that is under way is finished.
-        """
+        """Tell whether there is a storm: then changes are gathered until the epoch or request under way is finished."""
         return self._restarts >= _RESTARTS and self._turn.now_ns - self._since_ns >= _STORM_NS
 
     def may_finish(self, now: Situation, wanted: Configuration, running: Configuration | None) -> bool:

@@ -93,13 +93,9 @@ class ChangedPriorities:
         return [one for (_, function), one in self._turn.memory.priority_requests.items() if function == name]
 
     def told(self, index: int) -> Fact:
-        """Return the CONTROL that announces the priority of a function, as operation, `a` and `b`.
-
-        The operation is HOLDS for a changed priority, and CLEAR for the priority of the spec.
-
-        index: the index of the function, as `index_of` gives it.
-        """
+        """Return the CONTROL that announces the priority of a function with this index, as operation, `a` and `b`."""
         changed = self._changed.get(self._functions[index].name)
+        # CLEAR tells the priority of the spec
         return (Operation.CLEAR, _place(index), 0) if changed is None else _held(index, changed)
 
     # Requests and orders

@@ -71,9 +71,6 @@ class MissionPhase:
     def allows(self, index: int, detail: int) -> bool:
         """Tell whether a request for the phase with this index may change the current phase.
 
-        A request for the current phase changes nothing. With FORWARD_ONLY, the requested phase must be one that may
-        follow the current phase.
-
         detail: the number of the request, and the flag FORWARD_ONLY, as in the EMCY.
         """
         if self._order[index] == self.current:

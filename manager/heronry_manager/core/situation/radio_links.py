@@ -173,8 +173,5 @@ class RadioLinks:
 
 
 def _step_below(usable: int) -> int:
-    """Return the share of bandwidth from `STEPS` that plans may use where a gateway reports this share, in per mille.
-
-    It is the largest one that is not above the reported share; from a reported share of 900 on, it is 1000.
-    """
+    """Return the largest of `STEPS` (per mille) not above the share that a gateway reports; 1000 from 900 on."""
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

@@ -59,11 +59,7 @@ class ContingencyNumbers:
         return self._called[number - 1] if 0 < number <= len(self._called) else None
 
     def holds(self, pe: str, number: int) -> bool:
-        """Tell whether a PE has its slice of the configuration with this number on board.
-
-        The answer follows from this manager's contingency file. A PE whose table was made from another file reports
-        that it does not hold the slice (NOT_ON_BOARD).
-        """
+        """Tell whether a PE has its slice of a configuration on board, if its table comes from this manager's file."""
         return 0 < number <= self._held[pe]
 
     def status(self) -> dict[str, Any]:

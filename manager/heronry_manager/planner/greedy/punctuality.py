@@ -102,11 +102,7 @@ class Watch:
     """
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
-        """Begin with a budget for checks.
-
-        budget: a number of messages. A check takes from it the number of messages that the draft publishes before the
-            check. When nothing is left of the budget, no further message may be published.
-        """
+        """Begin with a budget: how many messages all checks together may have before them."""
         self._punctuality, self._budget = punctuality, budget
 
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
@@ -281,10 +277,5 @@ class Punctuality:
 
 
 def _steps(routes: list[tuple[int, ...]]) -> dict[int, tuple[int, int]]:
-    """Return, for each bus on these routes, how many buses come before it, and the number of the bus just before.
-
-    The number is -1 if no bus comes before.
-
-    routes: routes from one PE, each as the numbers of its buses, in order.
-    """
+    """Return, for each bus on one PE's routes, how many buses come before it, and which one just before; -1: none."""
     return {bus: (depth, route[depth - 1] if depth else -1) for route in routes for depth, bus in enumerate(route)}

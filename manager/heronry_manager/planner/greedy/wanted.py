@@ -105,13 +105,11 @@ class _Appraiser:
 def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
     """Return the key by which functions are sorted, the most important one first.
 
-    The key has three parts: the class; the priority of a critical function, 0 for any other; the priority divided
-    by the price of the cheapest mode of the function.
-
     price: by number of a mode, the CPU, RAM and flash that the mode takes together with its cheapest producers, as
         one sum of shares (`orders`).
     """
     cheapest = 1 + min((price[mode] for mode in goal.modes), default=0)
+    # the class; the priority of a critical function; that of any other one per price of its cheapest mode
     return goal.rank, -goal.priority if goal.rank < len(CRITICAL_CLASSES) else 0, -(goal.priority * 10**9 // cheapest)
 
 

@@ -27,15 +27,12 @@ this is checked before every output with the time of that moment, so that a paus
     node for a restart of this PE, and give the outputs of this PE to another PE. With a key the manager cannot make
     that mistake, and this condition is not checked.
 
-*Doubt.* During a silence this PE may have been replaced. The first frame after the silence does not show whether it
-was. If another PE sends this frame, that PE may have just restarted, or may have been cut off, too. If it is an ALIVE
-of a manager that has just become active, it names every PE that this manager hears, also a replaced one. So after a
-silence longer than T_lease this PE is in doubt, and holds its outputs back. There are two ways out of the doubt:
+*Doubt.* After a silence longer than T_lease this PE is in doubt, and holds its outputs back: another PE may have taken
+over, and the first frame after the silence does not show whether one did (docs/protocol/exclusion.md). Two things end
+the doubt:
 
-- An ALIVE names this PE and comes from a manager that has brought a configuration to GO_ALL. Before GO_ALL the PE that
-  replaced this one may still drive the outputs.
-- This PE has heard other nodes for T_lease since the silence. If another PE had replaced this one, it would be among
-  these nodes, and would have reported its newer epoch in each period.
+- An ALIVE names this PE and comes from a manager that has brought a configuration to GO_ALL.
+- This PE has heard other nodes for T_lease since the silence.
 
 *Data frames of a module that may run elsewhere* have three more rules:
 
@@ -158,10 +155,7 @@ class OutputAuthorization:
             self._missed_ns = arrived_ns
 
     def _is_past(self, doubted_ns: int | None, now_ns: int) -> bool:
-        """Tell whether at least T_lease has passed since `doubted_ns`, the time of a doubt or of a node-ID clash.
-
-        doubted_ns: None if there was no doubt or clash; then the result is True.
-        """
+        """Tell whether at least T_lease has passed since a doubt or a clash of node-IDs; None: there was none."""
         return doubted_ns is None or now_ns - doubted_ns >= self._lease_ns
 
     def clashed(self, arrived_ns: int) -> None:

@@ -248,10 +248,7 @@ class SdoServer:
         return self._acknowledge(transfer)
 
     def _await(self, now_ns: int, wake_ns: int = NEVER_NS) -> None:
-        """Restart the time-out of the transfer, and set when `tick` is due.
-
-        wake_ns: time in ns at which `tick` is due if the time-out does not come first; NEVER_NS: at the time-out.
-        """
+        """Restart the time-out, and have `tick` called at `wake_ns` (ns) if that is earlier."""
         self._limit_ns = now_ns + TIME_OUT_NS
         self.next_ns = min(self._limit_ns, wake_ns)
 

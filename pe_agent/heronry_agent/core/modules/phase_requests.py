@@ -148,11 +148,8 @@ class PhaseRequests:
         return self._request(module, phase, now_ns, watch=None)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """Return the frames that send the last phase request once more, because a new term has begun.
-
-        Returns no frames if this request was withdrawn. Returns none either while the request is not
-        acknowledged, since `faults` repeats it anyway.
-        """
+        """Return the frames that send an acknowledged phase request once more to the manager of a new term."""
+        # `faults` repeats one that is not acknowledged
         return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 
     def _fire(self, module: int, fired: list[_Watch], now_ns: int) -> list[Frame]:

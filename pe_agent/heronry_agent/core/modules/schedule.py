@@ -243,11 +243,7 @@ class Schedule:
             del self._steps[grid.partition]
 
     def _release_ns(self, grid: _Grid) -> int:
-        """Return the time in ns until which a module waits for its step.
-
-        This is the time at which the step is due. `patience_ns` of the module is added while the module waits for
-        another module whose outputs it reads.
-        """
+        """Return the time (ns) at which a step may begin: when it is due, or later if it waits for what it reads."""
         producers = self._producers.get(grid.module)
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
 

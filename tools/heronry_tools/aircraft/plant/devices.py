@@ -193,11 +193,7 @@ def _camera(surroundings: Surroundings) -> int:
 
 
 def _commands(surroundings: Surroundings) -> tuple[int, ...]:
-    """Return the two commands of the mission, each 0 or 1: release the parachute, and cut the balloon's line.
-
-    The command to release the parachute is always 0. The command to cut the line is 0 before CUTDOWN_S, and 1
-    from then on.
-    """
+    """Return the two commands of the mission, each 0 or 1: release the parachute (never), cut the balloon's line."""
     return (0, int(surroundings.now.time_s >= CUTDOWN_S))
 
 

@@ -92,10 +92,7 @@ def _publish(
 
 
 def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _Versions]:
-    """Return the variables that every module of `readers` needs in every one of its possible modes.
-
-    Each variable has the best and the worst version that any of these modes accepts.
-    """
+    """Return what all possible modes of all these modules need, with the best and worst version that any accepts."""
     every = [_needed(mode.needs) for name in sorted(readers) for mode in possible.modules[name].modes()]
     return reduce(_both, every)
 

@@ -101,10 +101,7 @@ class Dependence:
         return silent - self._where(silent, lambda found: not found.left.hosts(reader))
 
     def _losing(self, modes: Iterable[tuple[str, str]]) -> frozenset[str]:
-        """Return the elements without which at least one of these modes cannot run.
-
-        modes: pairs (name of a module, name of a mode).
-        """
+        """Return the elements without which at least one of these modes (module, mode) cannot run."""
         return frozenset(element for mode in modes for element in self._lost_with.get(mode, ()))
 
     def _where(self, suspects: frozenset[str], lost: Callable[[Feasible], bool]) -> frozenset[str]:

@@ -81,7 +81,7 @@ class Diagram:
         return node
 
     def below(self, root: int) -> list[int]:
-        """Return the inner nodes below a node, itself included, each after those to which its edges lead."""
+        """Give the inner nodes below a node, itself included, each after those to which its edges lead."""
         seen, waiting = {FALSE, TRUE, root}, [root]
         low, high = self.low, self.high
         while waiting:
@@ -103,11 +103,11 @@ class Bdd(Diagram):
         self.both = self._operation(TRUE, FALSE)
 
     def node(self, variable: int, low: int, high: int) -> int:
-        """Return the node that asks `variable`."""
+        """Give the node that asks `variable`."""
         return low if low == high else self._node(variable, low, high)
 
     def at_least(self, least: int, inputs: Sequence[int]) -> int:
-        """Return the function that is true iff at least `least` of the inputs are."""
+        """Give the function that is true iff at least `least` of the inputs are."""
         ordered = sorted(inputs, key=lambda one: -self.variable[one])  # the deepest first: little is made anew
         return counted(least, ordered, self.either, self.both)
 
@@ -162,14 +162,14 @@ class Zbdd(Diagram):
         self.without = self._without()
 
     def node(self, variable: int, low: int, high: int) -> int:
-        """Return the family of the sets of `low`, and those of `high` with `variable` added."""
+        """Give the family of the sets of `low`, and those of `high` with `variable` added."""
         return low if high == FALSE else self._node(variable, low, high)
 
     def _without(self) -> Callable[[int, int], int]:
         variable, lows, highs, node, known = self.variable, self.low, self.high, self.node, self._remembered()
 
         def without(family: int, other: int) -> int:
-            """Return the sets of a family that contain no set of the other."""
+            """Give the sets of a family that contain no set of the other."""
             if FALSE in (family, other):
                 return family
             if other in (TRUE, family):
@@ -200,7 +200,7 @@ class Zbdd(Diagram):
 def counted(
     least: int, inputs: Sequence[int], either: Callable[[int, int], int], both: Callable[[int, int], int]
 ) -> int:
-    """Return what is true iff at least `least` of the inputs are."""
+    """Give what is true iff at least `least` of the inputs are."""
     held = [TRUE] + [FALSE] * least  # at least 0, 1, ... of the inputs so far
     for number, one in enumerate(inputs, 1):
         for count in range(min(least, number), max(0, least - 1 - len(inputs) + number), -1):
@@ -209,7 +209,7 @@ def counted(
 
 
 def minimal_cut_sets(bdd: Bdd, root: int, most_nodes: int) -> tuple[Zbdd, int]:
-    """Return the family of the minimal sets of variables that make a monotone function true."""
+    """Give the family of the minimal sets of variables that make a monotone function true."""
     sets = Zbdd(most_nodes)
     family = {FALSE: FALSE, TRUE: TRUE}
     for node in bdd.below(root):

@@ -89,13 +89,13 @@ class Solution:
         return sum(len(one.bdd) + len(one.sets) for one in self._parts.values())
 
     def support(self) -> list[str]:
-        """Return the events that are in some minimal cut set; of what is truncated, all that may be."""
+        """Give the events that are in some minimal cut set; of what is truncated, all that may be."""
         events = {leaf: None for one in self._parts.values() for leaf in _asked(one) if leaf not in self._parts}
         whole = [self._root] if self._root in self._formula.names else []
         return sorted(self._formula.names[event] for event in (*events, *whole))
 
     def by_order(self) -> dict[int, int]:
-        """Return how many minimal cut sets each order (number of events) has that has some; up to `order`, if any."""
+        """Give the number of minimal cut sets of each order (number of events) that has some; up to `order`, if any."""
         root = self._root
         if root in self._parts:
             counts = self._counts[root][self._parts[root].family]
@@ -145,23 +145,23 @@ class Solution:
             yield frozenset(names[event] for event in found), chance
 
     def probability(self, chances: Chances) -> float:
-        """Return the probability that the node is true, if its events happen independently; or a lower bound of it."""
+        """Give the probability that the node is true, if its events happen independently; or a lower bound of it."""
         return self._values(chances)[self._root][0]
 
     def at_most(self, chances: Chances) -> float:
-        """Return an upper bound of that probability; the probability itself if this is exact."""
+        """Give an upper bound of that probability; the probability itself if this is exact."""
         return self._values(chances, above=True)[self._root][0]
 
     def survival(self, chances: Chances) -> float:
-        """Return the probability that the node is false; or an upper bound of it."""
+        """Give the probability that the node is false; or an upper bound of it."""
         return self._values(chances)[self._root][1]
 
     def survival_at_least(self, chances: Chances) -> float:
-        """Return a lower bound of that probability; the probability itself if this is exact."""
+        """Give a lower bound of that probability; the probability itself if this is exact."""
         return self._values(chances, above=True)[self._root][1]
 
     def birnbaum(self, chances: Chances) -> dict[str, float]:
-        """Return the importance of each event: by how much the probability grows if it surely happens, not never.
+        """Give the importance of each event: by how much the probability grows if it surely happens, not never.
 
         If this is not exact, it is about the lower bound.
         """
@@ -173,7 +173,7 @@ class Solution:
         return {name: slope.get(self._formula.events[name], 0.0) for name in self.support()}
 
     def _values(self, chances: Chances, *, above: bool = False) -> dict[int, tuple[float, float]]:
-        """Return the probabilities that each event, part and the root is true, and that it is false.
+        """Give the probabilities that each event, part and the root is true, and that it is false.
 
         Of what is truncated they are those of the function that bounds it from below, or an upper bound.
         """
@@ -318,7 +318,7 @@ class _Listing:
 def _chances_of(
     bdd: Bdd, root: int, leaves: Sequence[int], known: Mapping[int, tuple[float, float]]
 ) -> dict[int, tuple[float, float]]:
-    """Return the probabilities of each node of a part's diagram: that it is true, and that it is false."""
+    """Give the probabilities of each node of a part's diagram: that it is true, and that it is false."""
     found = {FALSE: (0.0, 1.0), TRUE: (1.0, 0.0)}
     variable, low, high = bdd.variable, bdd.low, bdd.high
     for node in bdd.below(root):
@@ -329,7 +329,7 @@ def _chances_of(
 
 
 def _slopes(one: Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, float]:
-    """Return, for each leaf of a part, how the probability of the part grows with that of the leaf."""
+    """Give, for each leaf of a part, how the probability of the part grows with that of the leaf."""
     chances = _chances_of(one.bdd, one.root, one.leaves, known)
     reached = dict.fromkeys(chances, 0.0)
     reached[one.root] = 1.0

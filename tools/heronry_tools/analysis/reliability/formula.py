@@ -38,7 +38,7 @@ class Formula:
         self._most_nodes = most_nodes
 
     def event(self, name: str) -> int:
-        """Return the node of an event."""
+        """Give the node of an event."""
         node = self.events.get(name)
         if node is None:
             node = self.events[name] = self._add(LEAF, ())
@@ -46,16 +46,16 @@ class Formula:
         return node
 
     def any_of(self, inputs: Iterable[int]) -> int:
-        """Return the OR of some nodes; FALSE for none."""
+        """Give the OR of some nodes; FALSE for none."""
         return self.at_least(1, inputs)
 
     def all_of(self, inputs: Iterable[int]) -> int:
-        """Return the AND of some nodes; TRUE for none."""
+        """Give the AND of some nodes; TRUE for none."""
         these = list(inputs)
         return self.at_least(len(these), these)
 
     def at_least(self, least: int, inputs: Iterable[int]) -> int:
-        """Return the node that is true iff at least `least` of some nodes are; a repeated node counts each time."""
+        """Give the node that is true iff at least `least` of some nodes are; a repeated node counts each time."""
         kept = list(inputs)
         if TRUE in kept or FALSE in kept:
             least -= kept.count(TRUE)
@@ -85,7 +85,7 @@ class Formula:
         return len(self.least) - 1
 
     def below(self, root: int) -> list[int]:
-        """Return all nodes on which a node depends, itself included, inputs before the gates that read them."""
+        """Give all nodes on which a node depends, itself included, inputs before the gates that read them."""
         seen, waiting = {root}, [root]
         while waiting:
             for node in self.inputs[waiting.pop()]:
@@ -95,11 +95,11 @@ class Formula:
         return sorted(seen)
 
     def support(self, root: int) -> list[str]:
-        """Return the names of the events that a node reads, in the order of their making."""
+        """Give the names of the events that a node reads, in the order of their making."""
         return [self.names[node] for node in self.below(root) if node in self.names]
 
     def with_replaced(self, root: int, replaced: Mapping[int, int], above: Container[int] | None = None) -> int:
-        """Return the node that `root` becomes if some nodes are replaced by others.
+        """Give the node that `root` becomes if some nodes are replaced by others.
 
         above: all nodes that depend on what is replaced, if they are known; then no other is looked at.
         """
@@ -111,7 +111,7 @@ class Formula:
         return now.get(root, root)
 
     def _changing(self, root: int, replaced: Collection[int], above: Container[int] | None) -> list[int]:
-        """Return the nodes between a root and what is replaced, inputs before the gates that read them."""
+        """Give the nodes between a root and what is replaced, inputs before the gates that read them."""
         least = min(replaced)  # smaller nodes do not depend on what is replaced
         seen, waiting = {root}.difference(replaced), [root]
         while waiting:

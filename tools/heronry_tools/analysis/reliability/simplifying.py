@@ -21,7 +21,7 @@ _EFFORT: Final = 40_000  # nodes that are looked at without a gain until moving 
 
 
 def simplified(formula: Formula, root: int) -> int:
-    """Return a node of the same value as `root` that depends on less, if one is found."""
+    """Give a node of the same value as `root` that depends on less, if one is found."""
     for _ in range(_ROUNDS):
         before = root
         root = _read_in_context(formula, root)
@@ -63,7 +63,7 @@ def _read_in_context(formula: Formula, root: int) -> int:
 
 
 def _known(formula: Formula, nodes: list[int], bit: dict[int, int]) -> tuple[dict[int, int], dict[int, int]]:
-    """Return, for each node, the nodes below it that are known to be false, and to be true, wherever it is read."""
+    """Give, for each node, the nodes below it that are known to be false, and to be true, wherever it is read."""
     below, if_false, if_true = _consequences(formula, nodes, bit)
     false, true = {nodes[-1]: 0}, {nodes[-1]: 0}
     for node in reversed(nodes):
@@ -82,7 +82,7 @@ def _known(formula: Formula, nodes: list[int], bit: dict[int, int]) -> tuple[dic
 
 
 def _consequences(formula: Formula, nodes: list[int], bit: dict[int, int]) -> tuple[dict[int, int], ...]:
-    """Return, for each node, what it depends on, what is false if it is, and what is true if it is; itself included."""
+    """Give, for each node, what it depends on, what is false if it is, and what is true if it is; itself included."""
     below, if_false, if_true = dict(bit), dict(bit), dict(bit)
     for node in nodes:
         inputs, least = formula.inputs[node], formula.least[node]
@@ -123,7 +123,7 @@ def _decided(formula: Formula, root: int) -> int:
 
 
 def _above(readers: dict[int, list[int]], node: int) -> set[int]:
-    """Return the gates that depend on a node."""
+    """Give the gates that depend on a node."""
     above, waiting = set[int](), [node]
     while waiting:
         for gate in readers[waiting.pop()]:
@@ -136,7 +136,7 @@ def _above(readers: dict[int, list[int]], node: int) -> set[int]:
 def _decides(
     formula: Formula, root: int, readers: dict[int, list[int]], node: int, above: set[int], *, value: int
 ) -> list[int]:
-    """Return the topmost gates that have a value whenever a node has it, if the node can move up to them."""
+    """Give the topmost gates that have a value whenever a node has it, if the node can move up to them."""
     forced = {node}
     for gate in sorted(above):
         inputs, least = formula.inputs[gate], formula.least[gate]
@@ -155,7 +155,7 @@ def _together(formula: Formula, root: int) -> int:
     now: dict[int, int] = {}
 
     def value(node: int) -> int:
-        """Return what a node became; a gate of merged inputs is made anew from what they became."""
+        """Give what a node became; a gate of merged inputs is made anew from what they became."""
         found = now.get(node)
         if found is None:
             found = now[node] = formula.at_least(formula.least[node], [now[one] for one in formula.inputs[node]])
@@ -172,7 +172,7 @@ def _together(formula: Formula, root: int) -> int:
 
 
 def _merged(formula: Formula, nodes: list[int]) -> dict[int, dict[int, int]]:
-    """Return, by gate and input, the gate that is to stand for the input and others."""
+    """Give, by gate and input, the gate that is to stand for the input and others."""
     groups: dict[tuple[int, ...], list[int]] = {}
     for node, gates in _readers(formula, nodes).items():
         if len(gates) > 1:

@@ -58,11 +58,7 @@ class Question:
 
 
 def assumptions(question: Question, goal: str) -> list[Assumption]:
-    """List the assumptions that may keep the function `goal` from being served.
-
-    They are in the order in which the caller is to try whether each one can be dropped. The less an assumption
-    explains, the earlier it comes: the other functions are first, and the elements that are down are last.
-    """
+    """List what may keep the function `goal` from being served, the least likely explanation first."""
     return list(_assumptions(question, goal))
 
 

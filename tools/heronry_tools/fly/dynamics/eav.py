@@ -224,11 +224,7 @@ class EavPlant:
         )
 
     def slow_errors(self) -> tuple[float, ...]:
-        """Return the slowly varying errors of two sensors, without their noise, as one tuple.
-
-        First those of the GPS receiver in its state without differential corrections (x, y and height, in m), then the
-        biases of the camera (rad).
-        """
+        """Return the slow errors of the GPS receiver without corrections (x, y, height, m), and of the camera (rad)."""
         return *(self._errors[f"gps/{axis}"].slow for axis in "xyh"), *self.camera.bias_rad
 
     # The world

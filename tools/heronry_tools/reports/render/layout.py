@@ -222,10 +222,7 @@ class _Placing:
         return out, into
 
     def _weight(self, segment: Segment) -> int:
-        """Return the weight of a segment: 2, 3 or 8 if none, one or both of its ends are way-points.
-
-        The more a segment weighs, the straighter it becomes.
-        """
+        """Return how straight a segment is to be: the more of its ends are way-points, the straighter."""
         points = (segment.source.startswith("~")) + (segment.target.startswith("~"))
         return (2, 3, 8)[points]
 
@@ -308,10 +305,7 @@ def _apart(offsets: list[int], wanted: list[tuple[int, int]]) -> list[int]:
 
 
 def _sagitta(radius: int, offset: int) -> int:
-    """Return the horizontal distance from the side of a circle's box to the circle, in the unit of the arguments.
-
-    offset: the height above or below the centre at which the distance is measured.
-    """
+    """Return how far a circle is from the side of its box, at a height from its centre; all in one unit."""
     return radius - isqrt(radius * radius - offset * offset)
 
 

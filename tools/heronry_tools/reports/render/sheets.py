@@ -90,12 +90,7 @@ def _groups(graph: Graph) -> list[set[str]]:
 
 
 def _middle(group: Collection[str], middles: _Middles) -> int:
-    """Return the horizontal place of a group of connected symbols: that of its rightmost module.
-
-    If the group has no module, this is the place of its rightmost symbol.
-
-    middles: the horizontal place of each symbol.
-    """
+    """Return the horizontal place of a group of connected symbols: that of its rightmost module, or of any symbol."""
     modules = [key for key in group if key.startswith("module:")]
     return max(middles[key] for key in modules or group)
 

@@ -128,17 +128,11 @@ def _require_devices(file: Path, spec: Spec) -> None:
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
-    """Return the contingencies with which the demo flies, and the process that makes contingencies for the next demo.
-
-    If the user does not want plans for single faults, `source` gives the contingencies, and the process is None.
-    If the user wants them:
-
-    - Plans that were made earlier are the contingencies, and the process is None.
-    - If none were made, the contingencies are None. The process is None only if the solver is not installed.
-    """
+    """Return the contingencies with which the demo flies, and the process, if any, that makes those for the next."""
     if source is not Ahead.SINGLE_FAULTS:
         return contingencies_of(spec, source), None
     made = kept_contingencies(spec)
+    # none were made: fly without, and make them meanwhile if a solver is installed
     return made, PlanningAhead(spec, spec_path(text)) if made is None and can_plan_ahead() else None
 
 

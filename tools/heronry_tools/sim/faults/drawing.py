@@ -98,10 +98,7 @@ def drawn_faults(
 
 
 def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
-    """Return the kinds of faults that have a target in the spec, each with its targets.
-
-    With two managers, the targets of a fault of the manager are the active, the primary and the standby manager.
-    """
+    """Return the kinds of faults that have a target in the spec, each with its targets."""
     there = {name: targets for name in kinds if (targets := possible_targets(spec, name))}
     return {name: list(_WHICH_MANAGER) if of_two and t == [MANAGER] else t for name, t in there.items()}
 
@@ -120,12 +117,8 @@ def _more_often(name: str, *, of_two: bool) -> int:
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
-    """Tell whether a kind of fault counts, for the drawing, as one of the kinds that need a key.
-
-    A kind that needs both a key and two managers counts so only for a flight with one manager.
-
-    of_two: whether the flight has two managers.
-    """
+    """Tell whether a kind of fault is drawn as one of those that need a key."""
+    # one that needs two managers as well is drawn as such in a flight that has two
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
 

@@ -124,15 +124,11 @@ class Forger:
             self._bus.offer(self._station, frame)
 
     def _is_quiet(self) -> bool:
-        """Tell whether a manager is unlikely to send now.
-
-        Two conditions must hold:
-
-        - for `_PAUSE_NS`, no frame of a manager and no page 2, which a manager would answer, has come
-        - the next LEASE is not due yet, or is long overdue
-        """
+        """Tell whether a manager is unlikely to send now."""
         now_ns = self._clock.now_ns
+        # neither a manager's frame nor a page 2, which a manager would answer
         has_ended = now_ns - self._heard_ns >= _PAUSE_NS
+        # nor is the next LEASE due: it is to come later, or is long overdue
         return has_ended and not _DUE_NS[0] < now_ns - self._leased_ns < _DUE_NS[1]
 
     def _made_up(self, manager: int, term: int) -> Frame:

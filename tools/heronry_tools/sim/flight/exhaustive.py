@@ -236,11 +236,7 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
 
 
 def _done_ns(simulation: Simulation) -> list[int]:
-    """Return the times at which a reconfiguration was complete, or late PEs had been admitted, in ascending order.
-
-    Late PEs count as admitted three heartbeat periods after either of these events: a plan has changed nothing; an
-    epoch was adopted.
-    """
+    """Return when a reconfiguration was complete, or late PEs had certainly been admitted, in ascending order."""
     told = [*simulation.events_of(PlanUnchanged), *simulation.events_of(Adopted)]
     admitted = [event.t_ns + _ADMITTED_NS for event in told]
     return sorted([*admitted, *(event.t_ns for event in simulation.events_of(Reconfigured))])

@@ -151,10 +151,7 @@ class Operator:
         self._well[element] = term
 
     def _has_failed_everywhere(self, element: str) -> bool:
-        """Tell whether an element is a place (`module:NAME@PE`) of a module that has failed on all PEs.
-
-        The module itself must be down in the true situation, and latched by the active manager.
-        """
+        """Tell whether an element is a place (`module:NAME@PE`) whose module is down everywhere, and latched."""
         module = module_of(element)
         return is_place(element) and module in self._truth.situation.down and module in self.latched()
 

@@ -133,8 +133,5 @@ def _compared(spec: Spec) -> dict[str, frozenset[str]]:
 
 
 def _is_down(element: str, truth: Situation) -> bool:
-    """Tell whether an element is down in `truth`.
-
-    A place (`module:NAME@PE`) is down, too, if its module is down on all PEs.
-    """
+    """Tell whether an element is down; a place (`module:NAME@PE`) is if its module is down on all PEs."""
     return element in truth.down or module_of(element) in truth.down

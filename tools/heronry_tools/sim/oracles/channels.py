@@ -77,10 +77,7 @@ class ChannelCheck(Oracle):
         self._sign(copy.t_ns, copy.node, copy.bus, copy.channel, "in")
 
     def _equal(self, sending: _Sending, within_ns: int) -> list[_Sending]:
-        """Return the transmissions that a node may take for copies of `sending`; `sending` itself is one of them.
-
-        These are the transmissions of an equal frame to this node, at most `within_ns` before or after `sending`.
-        """
+        """Return the transmissions, itself included, that a node may take for copies: the same frame, close in time."""
         known = (one for one in self._sendings.values() if (one.node, one.frame) == (sending.node, sending.frame))
         return [one for one in known if abs(one.t_ns - sending.t_ns) <= within_ns]
 

@@ -288,12 +288,7 @@ class Checks:
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
-        """Return a violation for each datum that was sent more often than planned since `is_well` was called.
-
-        The plan is the configuration that was activated last.
-
-        truth: the real situation.
-        """
+        """Return a violation for each datum sent more often than the activated plan says, since `is_well`."""
         return self._known.planned_load.unplanned(t_ns, self._known.commanded.current, truth)
 
     def denials(self, faults: Collection[Fault], span_ns: range, *, has_others: bool) -> list[Violation]:
@@ -310,23 +305,14 @@ class Checks:
         return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
 
     def untold(self, faults: Collection[Fault], *, has_others: bool) -> list[Violation]:
-        """Return a violation for each silence of a module that no PE has reported in time.
-
-        The list is empty if any fault was something other than the silence of a module (`stale`).
-
-        faults, has_others: as in `denials`
-        """
+        """Return a violation for each silence of a module that no PE told in time; arguments as in `denials`."""
         only_silent = all(fault.kind == "silent" for fault in faults)
         return self._known.stale.untold() if only_silent and not has_others else []
 
     def stopped(self, targets: Iterable[str], span_ns: range) -> list[Violation]:
-        """Return a violation for each function that fell silent without a permitted reason.
+        """Return a violation for each function that fell silent without a reason that `silence` permits.
 
-        The head of `silence` says which functions must be heard while only managers fail, and which reasons for a
-        silence are permitted.
-
-        targets: all targets into which faults were injected; if one is not a manager, nothing is verified.
-        span_ns: begin and end of the time that is verified.
+        targets: what faults were injected into; if one is not a manager, nothing is verified.
         """
         return stopped_by_silence(self._spec, targets, self.witness, span_ns, self._known.left_out)
 

@@ -106,12 +106,7 @@ class ExclusionCheck(Oracle):
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
     def moved(self, moved: Moved) -> None:
-        """Make a module the holder of its exclusive outputs, since its command has reached its device.
-
-        It is a violation if another holder took such an output from this module, and no handover came since.
-
-        moved: the command, with the module that gave it and the PE that passed it to the device.
-        """
+        """Make a module the holder of its exclusive outputs: a violation if another took them without a handover."""
         for thing in self._things_of[moved.module]:
             self._follow(moved.t_ns, thing, (moved.module, moved.pe))
 

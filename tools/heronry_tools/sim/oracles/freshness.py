@@ -117,10 +117,7 @@ def _rates_mhz(spec: Spec, producer: str, variable: str) -> list[int]:
 
 
 def _fresh_ns(spec: Spec, producer: str, variable: str) -> int:
-    """Return the greatest age (ns) at which a datum of a source still counts as fresh.
-
-    This is FRESH_PERIODS periods of the slowest mode that gives the datum, plus `_SLACK_NS`.
-    """
+    """Return the age (ns) up to which a datum of a source is fresh: periods of its slowest mode, with some slack."""
     return FRESH_PERIODS * 10**12 // min(_rates_mhz(spec, producer, variable)) + _SLACK_NS
 
 

@@ -151,14 +151,7 @@ class PhaseCheck(Oracle):
         return last is not None and behind < REQUEST_NUMBERS // 2
 
     def _leads_back(self, index: int, number: int) -> bool:
-        """Tell whether a request must not be executed, because it is forward only and would not lead forward.
-
-        This is so if the request is marked as forward only, and its phase is not the current one and cannot be
-        entered from the current one.
-
-        index: index of the requested phase in the spec
-        number: number of the request, with the mark (`FORWARD_ONLY`)
-        """
+        """Tell whether a request (index of its phase, number with the mark) is forward only, and leads elsewhere."""
         is_free = self.current is None or self.current == self._names[index] or self.current in self._from[index]
         return bool(number & FORWARD_ONLY) and not is_free
 
@@ -169,13 +162,8 @@ class PhaseCheck(Oracle):
         return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in requests)
 
     def _may_count(self, node: int, number: int) -> bool:
-        """Tell whether the active manager may take a request of a PE for a new one.
-
-        This is so in two cases. Neither this request nor a later one was acknowledged before; or one of them was
-        acknowledged in an older term, and the active manager may have forgotten that.
-
-        node, number: node-ID of the PE, and number of the request.
-        """
+        """Tell whether the active manager may take a request of a node for a new one."""
+        # a manager of a newer term may have forgotten that the request was acknowledged
         return not self._is_known(node, number) or (self._may_forget and self._heard_term > self._known_term[node])
 
     def _tell(self, t_ns: int, term: int, phase: str) -> None:

@@ -117,10 +117,5 @@ class ProgressCheck(Oracle):
 
 
 def _is_in_vain(answer: PlanGiven | None, t_ns: int) -> bool:
-    """Tell whether the manager has made a request in vain, when it makes the next request at `t_ns`.
-
-    This is so if the answer has not come, or has come at `t_ns` and differs from the running configuration.
-
-    answer: the answer to the earlier request; None: it has not come.
-    """
+    """Tell whether a request was in vain when the next one is made at `t_ns`; None: its answer has not come."""
     return answer is None or (answer.is_new and answer.t_ns == t_ns)

@@ -290,12 +290,9 @@ class ServiceCheck(Oracle):
         return f"epoch {epoch.number} serves {served} by criticality, but a plan serves {possible}"
 
     def in_force(self, prepared_ns: int, to_ns: int) -> list[Situation]:
-        """Return the situations on which the manager may have based the plan of an epoch.
+        """Return the situations, one per phase and priorities, on which a plan prepared at `prepared_ns` may rest.
 
-        There is one situation for each phase and each set of priorities that counted at some moment from shortly before
-        `prepared_ns` to `to_ns`. Nothing is down in them: the method is for flights in which only managers fail.
-
-        prepared_ns: when the epoch was prepared.
+        Nothing is down in them: the method is for flights in which only managers fail.
         """
         return self._in_force(prepared_ns - _UNDER_WAY_NS, to_ns)
 

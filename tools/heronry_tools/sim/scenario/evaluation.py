@@ -126,15 +126,10 @@ class Evaluation:
         return max((t for t in times if self._ns(one.from_ns) < t <= self._ns(one.until_ns)), default=None)
 
     def _epoch_at(self, from_ns: int) -> int:
-        """Return the epoch that the last state heard by `from_ns` names, whichever PE has sent this state.
-
-        States that name no epoch are ignored. If every state that names an epoch was heard later, the first of them
-        counts. NO_EPOCH: no state names an epoch.
-
-        from_ns: a time of the script
-        """
+        """Return the epoch that the last state heard by a time of the script names, of whichever PE; or NO_EPOCH."""
         named = [(s.t_ns, s.page.epoch) for s in self._heard.states if s.page.epoch != NO_EPOCH]
         before = [epoch for t, epoch in named if t <= self._ns(from_ns)]
+        # if all were heard later, the first of them counts
         return before[-1] if before else next((epoch for _, epoch in named), NO_EPOCH)
 
     def _usual_gap_ns(self, function: str) -> int:

@@ -73,10 +73,7 @@ def check(script: Script) -> None:
 
 
 def _is_of_a_radio(script: Script, deed: Deed) -> bool:
-    """Tell whether a deed injects a fault that a hub can cause (`bad_radios`).
-
-    The fault must be on another bus than the managers' bus.
-    """
+    """Tell whether a hub can cause the fault of a deed (`bad_radios`): it is not on the managers' bus."""
     return deed.fault is not None and deed.fault.kind in KINDS and deed.fault.name != script.spec.manager.bus
 
 

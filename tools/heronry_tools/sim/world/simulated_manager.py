@@ -171,10 +171,7 @@ class SimulatedManager(Node):
                 self.stop()
 
     def _left(self, frame: Frame) -> None:
-        """Report to the core that a frame has left the controller, if the frame is an ALIVE of this manager.
-
-        No effect while the processor is paused.
-        """
+        """Tell an awake core that its ALIVE has left the controller."""
         if frame.can_id == self.core.alive_id and self.is_awake:
             self._hand_over(AliveLeft(frame))
 

@@ -12,10 +12,9 @@ _OF_REPLAYED_COUNTERS = frozenset(("silence",))  # PEs with a key reject reused 
 
 
 def _on_manager(do: Callable[[SimulatedManager, Fault, Random], End]) -> Inject:
-    """Make an injection that calls `do` with the running manager that is the target of the fault.
+    """Make an injection that calls `do` with the manager that is the target, if it runs.
 
-    The injection does nothing if this manager does not run. The function that `do` returns ends the fault; it must have
-    no effect if the manager has stopped in the meantime.
+    The function that `do` returns ends the fault; it must have no effect if the manager has stopped in the meantime.
     """
     return _in_seat(lambda simulation, seat, fault, random: do(simulation.managers.running[seat], fault, random))
 

@@ -123,12 +123,9 @@ class Injections:
         return kind.unpromised | ({REPORTS} if kind.excuses else frozenset())
 
     def _element(self, fault: Fault) -> str:
-        """Return the element that counts as down during a fault.
-
-        If a fault concerns a replicated bus at one PE, this element is the channel that the PE loses. For any other
-        fault it is the target of the fault.
-        """
+        """Return the element that counts as down during a fault."""
         bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].target_kind == "twin_pe" else None
+        # of a replicated bus, a PE loses one channel
         return fault.target if bus is None else f"channel:{bus}.{fault.level}"
 
     def _random(self, fault: Fault) -> Random:
