@@ -3,6 +3,7 @@
 0x54   ADC081C      analogue-to-digital converter, by Industrial I/O
 0x2c   AD5241       digital potentiometer: the file rdac0
 0x76   BMP280       barometer; no driver of the kernel has it, so it is raw registers
+0x77   MS5611       another one; its commands are numbers of registers
 """
 
 import os
@@ -13,10 +14,10 @@ from pathlib import Path
 import pytest
 from smbus2 import SMBus
 
-from heronry_agent.drivers import bmp280
+from heronry_agent.drivers import bmp280, ms5611
 from heronry_tools.runtime.vcan.debian_packages import cache_folder
 
-ADC081C, AD5241, BMP280 = 0x54, 0x2C, 0x76
+ADC081C, AD5241, BMP280, MS5611 = 0x54, 0x2C, 0x76, 0x77
 _BUS = 0
 _MODULES = (
     *("i2c-core", "i2c-dev", "regmap-i2c", "industrialio", "configfs", "kfifo_buf", "industrialio-triggered-buffer"),
@@ -54,6 +55,16 @@ class Chips:
         for place, byte in enumerate(data, register):
             self._bus.write_byte_data(BMP280, place, byte)
 
+    def fill_ms5611(self, converted: int) -> list[int]:
+        """Give the MS5611 a calibration and the result of all conversions; returns the words of its PROM."""
+        prom = [0, 46372, 43981, 29059, 27842, 31553, 28165, 0]  # the example of the data sheet
+        prom[-1] = next(crc for crc in range(16) if ms5611.is_whole([*prom[:-1], crc]))
+        data = {ms5611.READ_PROM: struct.pack(">8H", *prom), ms5611.READ_RESULT: converted.to_bytes(3)}
+        for register, content in data.items():
+            for place, byte in enumerate(content, register):
+                self._bus.write_byte_data(MS5611, place, byte)
+        return prom
+
     def measure(self, raw: int) -> None:
         """Let the converter measure: eight bits, which stand in bits 4 to 11 of its register."""
         self._bus.write_word_data(ADC081C, 0, int.from_bytes((raw << 4).to_bytes(2), "little"))
@@ -78,7 +89,7 @@ class Chips:
 def _load() -> None:
     busybox = str(cache_folder() / "busybox-static/bin/busybox")
     kernel = cache_folder() / "user-mode-linux"
-    chips = ",".join(f"0x{address:02x}" for address in (ADC081C, AD5241, BMP280))
+    chips = ",".join(f"0x{address:02x}" for address in (ADC081C, AD5241, BMP280, MS5611))
     for name, *parameters in (*((module,) for module in _MODULES), ("i2c-stub", f"chip_addr={chips}")):
         file = next(kernel.glob(f"usr/lib/uml/modules/{os.uname().release}/kernel/**/{name}.ko*"), None)
         if file is None:

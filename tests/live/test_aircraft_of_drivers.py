@@ -23,6 +23,7 @@ import pytest
 from heronry_agent.device_driver import NotConnectedError, Setup, checked_options
 from heronry_agent.drivers.iio import device_folder
 from heronry_agent.drivers.iio_buffer import Element, IioBuffer
+from heronry_agent.drivers.ms5611 import Ms5611, pressure_hpa
 from heronry_dg.loader import load
 from heronry_dg.situation import situation
 from heronry_manager.events import FaultReported, PlanReady, Reconfigured
@@ -34,13 +35,14 @@ from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from lab import real_gpsd
 from lab.slow_spec import slow_spec
-from live.kernel_chips import Chips
+from live.kernel_chips import MS5611, Chips
 
 pytestmark = pytest.mark.vcan
 
 TESTS = Path(__file__).resolve().parents[1]
 PATIENCE_S = 60.0
 NODE, IDENTIFIER = 17, 326
+CONVERTED = 8_500_000  # what the MS5611 has converted, of pressure and temperature alike: its registers are memory
 GPS, CONVERTER, AIR, FOREIGN, SAFE = 100, 110, 56, 120, 7  # what the elevator's register holds on each source
 
 
@@ -67,8 +69,8 @@ class ForeignNode:
 class Aircraft:
     """Its chips, and what its manager tells."""
 
-    def __init__(self, chips: Chips, folder: Path, events: AwaitedEvents) -> None:
-        self.chips, self.folder, self.events = chips, folder, events
+    def __init__(self, chips: Chips, fleet: Fleet, events: AwaitedEvents) -> None:
+        self.chips, self.fleet, self.folder, self.events = chips, fleet, fleet.folder, events
 
     def until_register(self, number: int) -> None:
         end_s = time.monotonic() + PATIENCE_S
@@ -122,7 +124,7 @@ def aircraft(
         for pe in spec.pes:
             fleet.start_pe(pe)
         yield (
-            Aircraft(chips, fleet.folder, events),
+            Aircraft(chips, fleet, events),
             {
                 "device:receiver": receiver.kill,
                 "device:altimeter": chips.take_converter_away,
@@ -132,10 +134,14 @@ def aircraft(
         )
 
 
-def test_each_source_that_is_killed_is_told_and_the_next_one_is_flown_as_planned(
+def test_each_killed_source_is_told_and_the_next_one_flown_and_a_paused_agent_leaves_the_chip_safe(
     aircraft: tuple[Aircraft, dict[str, Callable[[], None]]],
 ) -> None:
     flown, kill = aircraft
+    flown.until_register(GPS)
+    flown.fleet.stop("tail")  # nobody renews the validity: the driver acts by itself
+    flown.until_register(SAFE)
+    flown.fleet.go_on("tail")
     flown.until_register(GPS)
     for source, planned, then in zip(kill, plans(tuple(kill)), (CONVERTER, AIR, FOREIGN, SAFE), strict=True):
         began_s = time.monotonic()
@@ -147,6 +153,14 @@ def test_each_source_that_is_killed_is_told_and_the_next_one_is_flown_as_planned
         flown.until_register(then)
         moved_s = time.monotonic() - began_s
         print(f"{source}: told after {told_s:.2f} s, plan reached after {runs_s:.2f} s, moved after {moved_s:.2f} s")
+
+
+def test_another_barometer_is_read_by_raw_i2c() -> None:
+    chips = Chips()
+    prom = chips.fill_ms5611(CONVERTED)
+    driver = Ms5611(Setup("barometer", checked_options(Ms5611.OPTIONS, {"bus": 0, "address": MS5611}), 1))
+    assert driver.read() == pressure_hpa(prom, CONVERTED, CONVERTED)
+    driver.close()
 
 
 def test_the_kernel_describes_the_buffer_of_its_converter_and_wants_a_trigger() -> None:

@@ -93,8 +93,8 @@ class Ends:
 
     def round(self, way: str) -> None:
         """Strike once, wait until all is as declared, and mend it."""
-        flight, since = self._flight, len(self._flight.events)
-        if not flight.until("a branch drives", lambda: self._driving() is not None):
+        flight = self._flight
+        if not flight.until("a branch drives", self._is_mended):
             self.failures.append(f"{way}: no branch drives")
             return
         time.sleep(self._random.uniform(0.0, 0.3))
@@ -144,8 +144,10 @@ class Ends:
         self._expect_no_overlap(way, begun_ns)
         if way in ("agent paused", "agent killed"):
             self._expect_safe_before_the_other(servo, way, begun_ns)
-        for element in flight.told(since):
-            flight.clear(element)
+
+    def _is_mended(self) -> bool:
+        self._flight.clear()
+        return self._driving() is not None
 
     def _driving(self) -> str | None:
         found = [one for one in _PE if register_of(self._flight.device(one)) not in (SAFE, "", "0")]

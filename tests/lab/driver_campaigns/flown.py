@@ -28,6 +28,7 @@ class Flown:
     def __init__(self, fleet: Fleet, stream: EventStream, folder: Path) -> None:
         self.fleet, self._stream, self._folder = fleet, stream, folder
         self.events: list[events.Event] = []
+        self._cleared = 0  # number of the first event whose fault has not been cleared
 
     def device(self, name: str) -> Path:
         """Return the folder of the files that stand for a device."""
@@ -68,9 +69,15 @@ class Flown:
         """Return the elements of which a fault was reported since an event, by its number."""
         return {one.element for one in self.events[since:] if isinstance(one, events.FaultReported)}
 
-    def clear(self, element: str) -> None:
-        """Give the operator's order that an element works again."""
-        self.fleet.order(ClearElement(element), element)
+    def told_anew(self) -> set[str]:
+        """Return the elements that were reported since `clear`."""
+        return self.told(self._cleared)
+
+    def clear(self) -> None:
+        """Give the operator's order that whatever was reported works again; it may be reported once more."""
+        elements, self._cleared = self.told_anew(), len(self.events)
+        for element in elements:
+            self.fleet.order(ClearElement(element), element)
 
     def lost_without_standstill(self, struck: set[str]) -> list[str]:
         """Return the PEs that were lost, were not struck, and beside whose loss no standstill was told."""

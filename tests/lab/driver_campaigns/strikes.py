@@ -13,6 +13,7 @@ told standstill of a computer.
 
 import argparse
 import sys
+import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,6 +33,7 @@ ENDS = {
 }
 INVALID, HARMLESS = ("nan", "far", "nothing"), ("flood", "slow")
 _OF_SENSORS, _OF_SERVOS = (*ENDS, *INVALID, *HARMLESS), ("exit", "segfault", "raise", "hang", *HARMLESS)
+_QUIET_S = 0.5
 MORE_CODE = """
 
 class Reader(Module):
@@ -108,9 +110,25 @@ class Strikes:
         unstruck = self._flight.told(since) - {f"device:{name}" for name in struck}
         if unstruck:
             self.failures.append(f"reported, though not struck: {', '.join(sorted(unstruck))}")
-        for name, order in struck.items():  # it works again, perhaps after the 10 s of one that was given up
-            acts = self._acts(name)
-            self._until(f"{name} works again after {order}", lambda name=name, acts=acts: self._works(name, acts))
+        self._settle()
+
+    def _settle(self) -> None:
+        """Clear what was reported, until nothing is reported any more and every device acts again.
+
+        That of a driver that was given up takes more than 10 s.
+        """
+        quiet_s = time.monotonic()
+        while time.monotonic() < quiet_s + _QUIET_S:
+            quiet_s = time.monotonic() if self._flight.told_anew() else quiet_s
+            self._flight.clear()
+            self._flight.look()
+        acts = {name: self._acts(name) for name in self._names}
+
+        def act_again() -> bool:
+            self._flight.clear()
+            return all(self._acts(name) > before for name, before in acts.items())
+
+        self._until("every device acts again", act_again)
 
     def _ends_as_declared(self, name: str, order: str, since: int, said: int) -> None:
         acts, element = self._acts(name), f"device:{name}"
@@ -135,12 +153,6 @@ class Strikes:
 
     def _of(self, name: str, said: int) -> str:
         return "\n".join(line for line in self._flight.log("limbs")[said:].splitlines() if f"device {name} " in line)
-
-    def _works(self, name: str, acts: int) -> bool:
-        for element in self._flight.told(0) & {f"device:{name}"}:
-            self._flight.clear(element)
-            self._flight.events = [one for one in self._flight.events if getattr(one, "element", "") != element]
-        return self._acts(name) > acts
 
     def _acts(self, name: str) -> int:
         file: Path = self._flight.device(name) / ("reads" if name.startswith("sensor") else "writes")
