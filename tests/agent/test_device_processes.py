@@ -5,16 +5,22 @@ The processes are real; files stand for the hardware (`drivers_that_misbehave`).
 
 import os
 import signal
+import socket
 import time
 from collections.abc import Callable, Iterator
 from itertools import groupby, pairwise
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
+from heronry_agent.device_driver import ActuatorDriver
+from heronry_agent.shell.device_processes import driver_process
+from heronry_agent.shell.device_processes.driver_process import Line, _run
 from heronry_agent.shell.device_processes.isolated import IsolatedDevice
 from heronry_agent.shell.device_processes.judgement import ReadingRule
 from heronry_agent.shell.device_processes.orders import DeviceOrders
+from heronry_agent.shell.device_processes.shared_block import SharedBlock
 
 MS = 1_000_000
 LEASE_NS = 100 * MS
@@ -303,3 +309,43 @@ def test_a_command_that_is_no_number_is_refused(bench: Bench) -> None:
     bench.servo()
     with pytest.raises(TypeError, match="device servo moves by a number, not by 'up'"):
         bench.device.command("up", bench.turn())
+
+
+class CutShortError(Exception):
+    """Stands for the exit that the handler of SIGTERM raises, wherever the process is."""
+
+
+class CutShort(ActuatorDriver):
+    """A driver whose first release or so is cut short."""
+
+    cut: ClassVar[int] = 0
+    done: ClassVar[int] = 0
+
+    def release(self) -> None:
+        """Be cut short, or be complete."""
+        type(self).cut -= 1
+        if self.cut == 0:
+            raise CutShortError
+        type(self).done += 1
+
+
+@pytest.mark.parametrize("cut", [1, 2, 3])
+def test_an_end_by_two_ways_at_once_leaves_a_complete_safe_action_at_the_end(
+    cut: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first release is that of the start; the agent's death closes the socket, and sends SIGTERM as well."""
+    own, theirs = socket.socketpair()
+    own.close()
+    memory = SharedBlock.create()
+    block = SharedBlock(memory)
+    monkeypatch.setattr(driver_process, "load_driver", lambda _: CutShort)
+    monkeypatch.setattr(CutShort, "cut", cut)
+    monkeypatch.setattr(CutShort, "done", 0)
+    orders = DeviceOrders("servo", True, "cut_short", {}, MS)
+    line = Line(theirs.detach())
+    with pytest.raises(CutShortError):
+        _run(orders, block, line)
+    line._socket.close()
+    assert CutShort.done == 2
+    block.close()
+    os.close(memory)

@@ -100,8 +100,8 @@ class Ends:
         time.sleep(self._random.uniform(0.0, 0.3))
         servo = self._driving() or "servo_a"
         pe, driver = _PE[servo], flight.drivers(self._agents[_PE[servo]]).get(servo)
-        if driver is None:
-            return  # its process is just being started again: not a moment for a strike
+        if driver not in {one.process for one in writes_of(flight.device(servo))}:
+            return  # its process is just being started again, and has not even taken the first safe action
         self._struck.add(pe)
         agent, said = self._agents[pe], len(flight.log(pe))
         known = {one.process for one in writes_of(flight.device(servo))}

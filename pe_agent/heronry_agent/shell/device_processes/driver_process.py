@@ -175,11 +175,15 @@ def _run(orders: DeviceOrders, block: SharedBlock, line: Line) -> int:
         driver.close()
         return 0
     process = ActuatorProcess(driver, orders, block, line)
+    # A dead agent closes the socket and sends SIGTERM, whose handler raises once, wherever this process is by then. If
+    # it cuts one of the two safe actions short, the other one is complete.
     try:
-        _declare(block, _ACTUATORS_SETTLE_MS, driver.LONGEST_COMMAND_MS)
-        process.run()
+        try:
+            _declare(block, _ACTUATORS_SETTLE_MS, driver.LONGEST_COMMAND_MS)
+            process.run()
+        finally:
+            process.make_safe("")
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         process.make_safe("")
         driver.close()
     return 0
@@ -208,6 +212,8 @@ class _KindError(HeronryError):
 
 
 def _end(*_: object) -> None:
+    """End this process, once: a further SIGTERM interrupts nothing."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.exit(0)
 
 
