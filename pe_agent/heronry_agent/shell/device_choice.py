@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from heronry_agent.shell.driver_catalogue import UnknownDriverError, target_of
 from heronry_wire.errors import HeronryError
 from heronry_wire.ordinary_file import read_ordinary
 from heronry_wire.pe_table import DriverEntry, PeTable
@@ -85,6 +84,8 @@ def _choose(device: str, named: RealDriver | None, entry: DriverEntry | None, si
             f"device {device} has no driver: name one in the spec or in --devices FILE, or fly simulated devices with "
             "--simulated"
         )
+    from heronry_agent.shell.driver_catalogue import UnknownDriverError, target_of  # noqa: PLC0415 - most PEs need none
+
     try:
         target_of(found.driver)
     except UnknownDriverError as error:
