@@ -15,6 +15,7 @@ call of a Python function takes no space on the stack of C.
 """
 
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
@@ -25,6 +26,7 @@ LAST: Final = 1 << 30  # the variable of the two ends: after all others
 _SHIFT: Final = 26  # bits of a node's number in a key; so a diagram has less than 2^26 nodes
 _FRAMES: Final = 2_000  # frames that callers and other code may use
 _KNOWN_FOR_EACH_NODE: Final = 4  # results of operations that a pool may keep for each node that it may have
+_KNOWN_BETWEEN_GATES: Final = 1_000  # results of an operation that are kept from one gate to the next
 
 
 @contextmanager
@@ -46,7 +48,8 @@ class Diagram:
         self.variable: list[int] = [LAST, LAST]
         self.low: list[int] = [0, 1]
         self.high: list[int] = [0, 1]
-        self.made: dict[int, int] = {}
+        self.made: defaultdict[int, dict[int, int]] = defaultdict(dict)  # nodes by variable, and by their two edges
+        self._below: dict[int, list[int]] = {}  # what is below a node never changes
         self._known: list[dict[int, int]] = []  # results of operations, by operation
         self.allow(most_nodes)
 
@@ -60,7 +63,8 @@ class Diagram:
 
     def forget(self) -> None:
         """Free what only making more nodes needs; none may be made afterwards."""
-        for known in (self.made, *self._known):
+        self.made.clear()
+        for known in self._known:
             known.clear()
 
     def _remembered(self) -> dict[int, int]:
@@ -68,20 +72,26 @@ class Diagram:
         return self._known[-1]
 
     def _node(self, variable: int, low: int, high: int) -> int:
-        key = ((variable << _SHIFT | high) << _SHIFT) | low
-        node = self.made.get(key)
+        made, key = self.made[variable], high << _SHIFT | low
+        node = made.get(key)
         if node is None:
             node = len(self.variable)
             if node >= self.most_nodes:
                 raise TooLargeError
-            self.made[key] = node
+            made[key] = node
             self.variable.append(variable)
             self.low.append(low)
             self.high.append(high)
         return node
 
     def below(self, root: int) -> list[int]:
-        """Give the inner nodes below a node, itself included, each after those to which its edges lead."""
+        """Return the inner nodes below a node, itself included, each after those to which its edges lead."""
+        found = self._below.get(root)
+        if found is None:
+            found = self._below[root] = self._found_below(root)
+        return found
+
+    def _found_below(self, root: int) -> list[int]:
         seen, waiting = {FALSE, TRUE, root}, [root]
         low, high = self.low, self.high
         while waiting:
@@ -103,13 +113,17 @@ class Bdd(Diagram):
         self.both = self._operation(TRUE, FALSE)
 
     def node(self, variable: int, low: int, high: int) -> int:
-        """Give the node that asks `variable`."""
+        """Return the node that asks `variable`."""
         return low if low == high else self._node(variable, low, high)
 
     def at_least(self, least: int, inputs: Sequence[int]) -> int:
-        """Give the function that is true iff at least `least` of the inputs are."""
+        """Return the function that is true iff at least `least` of the inputs are."""
         ordered = sorted(inputs, key=lambda one: -self.variable[one])  # the deepest first: little is made anew
-        return counted(least, ordered, self.either, self.both)
+        found = counted(least, ordered, self.either, self.both)
+        for known in self._known:  # gates have few results in common, and a small table is a fast one
+            if len(known) > _KNOWN_BETWEEN_GATES:
+                known.clear()
+        return found
 
     def _operation(self, neutral: int, absorbing: int) -> Callable[[int, int], int]:
         """Make OR (neutral FALSE, absorbing TRUE) or AND (the other way round) of two diagrams."""
@@ -137,13 +151,13 @@ class Bdd(Diagram):
             if high == low:
                 node = high
             else:  # as `_node`, without a call: this is where the time goes
-                made_key = ((asked << _SHIFT | high) << _SHIFT) | low
-                node = made.get(made_key)
+                of_variable, edges = made[asked], high << _SHIFT | low
+                node = of_variable.get(edges)
                 if node is None:
                     node = len(variable)
                     if node >= self.most_nodes or len(known) > self.most_known:
                         raise TooLargeError
-                    made[made_key] = node
+                    of_variable[edges] = node
                     variable.append(asked)
                     lows.append(low)
                     highs.append(high)
@@ -162,14 +176,14 @@ class Zbdd(Diagram):
         self.without = self._without()
 
     def node(self, variable: int, low: int, high: int) -> int:
-        """Give the family of the sets of `low`, and those of `high` with `variable` added."""
+        """Return the family of the sets of `low`, and those of `high` with `variable` added."""
         return low if high == FALSE else self._node(variable, low, high)
 
     def _without(self) -> Callable[[int, int], int]:
         variable, lows, highs, node, known = self.variable, self.low, self.high, self.node, self._remembered()
 
         def without(family: int, other: int) -> int:
-            """Give the sets of a family that contain no set of the other."""
+            """Return the sets of a family that contain no set of the other."""
             if FALSE in (family, other):
                 return family
             if other in (TRUE, family):
@@ -200,7 +214,7 @@ class Zbdd(Diagram):
 def counted(
     least: int, inputs: Sequence[int], either: Callable[[int, int], int], both: Callable[[int, int], int]
 ) -> int:
-    """Give what is true iff at least `least` of the inputs are."""
+    """Return what is true iff at least `least` of the inputs are."""
     held = [TRUE] + [FALSE] * least  # at least 0, 1, ... of the inputs so far
     for number, one in enumerate(inputs, 1):
         for count in range(min(least, number), max(0, least - 1 - len(inputs) + number), -1):
@@ -209,7 +223,7 @@ def counted(
 
 
 def minimal_cut_sets(bdd: Bdd, root: int, most_nodes: int) -> tuple[Zbdd, int]:
-    """Give the family of the minimal sets of variables that make a monotone function true."""
+    """Return the family of the minimal sets of variables that make a monotone function true."""
     sets = Zbdd(most_nodes)
     family = {FALSE: FALSE, TRUE: TRUE}
     for node in bdd.below(root):

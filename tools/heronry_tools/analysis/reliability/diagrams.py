@@ -89,13 +89,13 @@ class Solution:
         return sum(len(one.bdd) + len(one.sets) for one in self._parts.values())
 
     def support(self) -> list[str]:
-        """Give the events that are in some minimal cut set; of what is truncated, all that may be."""
+        """Return the events that are in some minimal cut set; of what is truncated, all that may be."""
         events = {leaf: None for one in self._parts.values() for leaf in _asked(one) if leaf not in self._parts}
         whole = [self._root] if self._root in self._formula.names else []
         return sorted(self._formula.names[event] for event in (*events, *whole))
 
     def by_order(self) -> dict[int, int]:
-        """Give the number of minimal cut sets of each order (number of events) that has some; up to `order`, if any."""
+        """Return how many minimal cut sets there are of each order (number of events) that has some, up to `order`."""
         root = self._root
         if root in self._parts:
             counts = self._counts[root][self._parts[root].family]
@@ -145,23 +145,23 @@ class Solution:
             yield frozenset(names[event] for event in found), chance
 
     def probability(self, chances: Chances) -> float:
-        """Give the probability that the node is true, if its events happen independently; or a lower bound of it."""
+        """Return the probability that the node is true, if its events happen independently; or a lower bound of it."""
         return self._values(chances)[self._root][0]
 
     def at_most(self, chances: Chances) -> float:
-        """Give an upper bound of that probability; the probability itself if this is exact."""
+        """Return an upper bound of that probability; the probability itself if this is exact."""
         return self._values(chances, above=True)[self._root][0]
 
     def survival(self, chances: Chances) -> float:
-        """Give the probability that the node is false; or an upper bound of it."""
+        """Return the probability that the node is false; or an upper bound of it."""
         return self._values(chances)[self._root][1]
 
     def survival_at_least(self, chances: Chances) -> float:
-        """Give a lower bound of that probability; the probability itself if this is exact."""
+        """Return a lower bound of that probability; the probability itself if this is exact."""
         return self._values(chances, above=True)[self._root][1]
 
     def birnbaum(self, chances: Chances) -> dict[str, float]:
-        """Give the importance of each event: by how much the probability grows if it surely happens, not never.
+        """Return the importance of each event: by how much the probability grows if it surely happens, not never.
 
         If this is not exact, it is about the lower bound.
         """
@@ -173,7 +173,7 @@ class Solution:
         return {name: slope.get(self._formula.events[name], 0.0) for name in self.support()}
 
     def _values(self, chances: Chances, *, above: bool = False) -> dict[int, tuple[float, float]]:
-        """Give the probabilities that each event, part and the root is true, and that it is false.
+        """Return the probabilities that each event, part and the root is true, and that it is false.
 
         Of what is truncated they are those of the function that bounds it from below, or an upper bound.
         """
@@ -183,7 +183,8 @@ class Solution:
             known[event] = (chance, 1.0 - chance)
         for part, one in self._parts.items():
             bdd, root = one.above if above and one.above is not None else (one.bdd, one.root)
-            known[part] = _chances_of(bdd, root, one.leaves, known)[root]
+            true, false = _chances_of(bdd, root, one.leaves, known)
+            known[part] = (true[root], false[root])
             if above and one.above is not None:
                 least = min(known[part][0], sum_of_sets(one.sets, one.family, one.leaves, one.order, known))
                 known[part] = (least, 1.0 - least)
@@ -317,27 +318,29 @@ class _Listing:
 
 def _chances_of(
     bdd: Bdd, root: int, leaves: Sequence[int], known: Mapping[int, tuple[float, float]]
-) -> dict[int, tuple[float, float]]:
-    """Give the probabilities of each node of a part's diagram: that it is true, and that it is false."""
-    found = {FALSE: (0.0, 1.0), TRUE: (1.0, 0.0)}
+) -> tuple[dict[int, float], dict[int, float]]:
+    """Return the probability of each node of a part's diagram that it is true, and that it is false."""
+    true, false = {FALSE: 0.0, TRUE: 1.0}, {FALSE: 1.0, TRUE: 0.0}
     variable, low, high = bdd.variable, bdd.low, bdd.high
+    of_leaf = [known[leaf] for leaf in leaves]
     for node in bdd.below(root):
-        true, false = known[leaves[variable[node]]]
-        if_true, if_false = found[high[node]], found[low[node]]
-        found[node] = (true * if_true[0] + false * if_false[0], true * if_true[1] + false * if_false[1])
-    return found
+        yes, no = of_leaf[variable[node]]
+        if_true, if_false = high[node], low[node]
+        true[node] = yes * true[if_true] + no * true[if_false]
+        false[node] = yes * false[if_true] + no * false[if_false]
+    return true, false
 
 
 def _slopes(one: Solved, known: Mapping[int, tuple[float, float]]) -> dict[int, float]:
     """Give, for each leaf of a part, how the probability of the part grows with that of the leaf."""
-    chances = _chances_of(one.bdd, one.root, one.leaves, known)
-    reached = dict.fromkeys(chances, 0.0)
+    chance, _ = _chances_of(one.bdd, one.root, one.leaves, known)
+    reached = dict.fromkeys(chance, 0.0)
     reached[one.root] = 1.0
     slopes = dict.fromkeys(one.leaves, 0.0)
     for node in reversed(one.bdd.below(one.root)):
         leaf = one.leaves[one.bdd.variable[node]]
         high, low = one.bdd.high[node], one.bdd.low[node]
-        slopes[leaf] += reached[node] * (chances[high][0] - chances[low][0])
+        slopes[leaf] += reached[node] * (chance[high] - chance[low])
         true, false = known[leaf]
         reached[high] += reached[node] * true
         reached[low] += reached[node] * false

@@ -38,7 +38,7 @@ class Formula:
         self._most_nodes = most_nodes
 
     def event(self, name: str) -> int:
-        """Give the node of an event."""
+        """Return the node of an event."""
         node = self.events.get(name)
         if node is None:
             node = self.events[name] = self._add(LEAF, ())
@@ -46,16 +46,16 @@ class Formula:
         return node
 
     def any_of(self, inputs: Iterable[int]) -> int:
-        """Give the OR of some nodes; FALSE for none."""
+        """Return the OR of some nodes; FALSE for none."""
         return self.at_least(1, inputs)
 
     def all_of(self, inputs: Iterable[int]) -> int:
-        """Give the AND of some nodes; TRUE for none."""
+        """Return the AND of some nodes; TRUE for none."""
         these = list(inputs)
         return self.at_least(len(these), these)
 
     def at_least(self, least: int, inputs: Iterable[int]) -> int:
-        """Give the node that is true iff at least `least` of some nodes are; a repeated node counts each time."""
+        """Return the node that is true iff at least `least` of some nodes are; a repeated node counts each time."""
         kept = list(inputs)
         if TRUE in kept or FALSE in kept:
             least -= kept.count(TRUE)
@@ -85,7 +85,7 @@ class Formula:
         return len(self.least) - 1
 
     def below(self, root: int) -> list[int]:
-        """Give all nodes on which a node depends, itself included, inputs before the gates that read them."""
+        """Return all nodes on which a node depends, itself included, inputs before the gates that read them."""
         seen, waiting = {root}, [root]
         while waiting:
             for node in self.inputs[waiting.pop()]:
@@ -95,25 +95,33 @@ class Formula:
         return sorted(seen)
 
     def support(self, root: int) -> list[str]:
-        """Give the names of the events that a node reads, in the order of their making."""
+        """Return the names of the events that a node reads, in the order of their making."""
         return [self.names[node] for node in self.below(root) if node in self.names]
 
     def with_replaced(self, root: int, replaced: Mapping[int, int], above: Container[int] | None = None) -> int:
-        """Give the node that `root` becomes if some nodes are replaced by others.
+        """Return the node that `root` becomes if some nodes are replaced by others.
 
         above: all nodes that depend on what is replaced, if they are known; then no other is looked at.
         """
-        now = dict(replaced)
-        for node in self._changing(root, replaced, above):
-            inputs = tuple([now.get(one, one) for one in self.inputs[node]])
-            if inputs != self.inputs[node]:
-                now[node] = self.at_least(self.least[node], inputs)
-        return now.get(root, root)
+        return self.each_with_replaced([root], replaced, above)[root]
 
-    def _changing(self, root: int, replaced: Collection[int], above: Container[int] | None) -> list[int]:
-        """Give the nodes between a root and what is replaced, inputs before the gates that read them."""
+    def each_with_replaced(
+        self, roots: Collection[int], replaced: Mapping[int, int], above: Container[int] | None = None
+    ) -> dict[int, int]:
+        """Return what each of some nodes becomes if some nodes are replaced by others; `above` as for one node."""
+        now, every = dict(replaced), self.inputs
+        for node in self._changing(roots, replaced, above):
+            before = every[node]
+            inputs = tuple([now.get(one, one) for one in before])
+            if inputs != before:
+                now[node] = self.at_least(self.least[node], inputs)
+        return {root: now.get(root, root) for root in roots}
+
+    def _changing(self, roots: Iterable[int], replaced: Collection[int], above: Container[int] | None) -> list[int]:
+        """Return the nodes between some nodes and what is replaced, inputs before the gates that read them."""
         least = min(replaced)  # smaller nodes do not depend on what is replaced
-        seen, waiting = {root}.difference(replaced), [root]
+        seen = set(roots).difference(replaced)
+        waiting = list(seen)
         while waiting:
             for node in self.inputs[waiting.pop()]:
                 if node not in seen and node > least and node not in replaced and (above is None or node in above):

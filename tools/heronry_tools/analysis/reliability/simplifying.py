@@ -21,7 +21,7 @@ _EFFORT: Final = 40_000  # nodes that are looked at without a gain until moving 
 
 
 def simplified(formula: Formula, root: int) -> int:
-    """Give a node of the same value as `root` that depends on less, if one is found."""
+    """Return a node of the same value as `root` that depends on less, if one is found."""
     for _ in range(_ROUNDS):
         before = root
         root = _read_in_context(formula, root)
@@ -111,7 +111,8 @@ def _decided(formula: Formula, root: int) -> int:
                 continue
             join = formula.any_of if value == TRUE else formula.all_of
             other = FALSE if value == TRUE else TRUE
-            changed = {top: join([node, formula.with_replaced(top, {node: other}, above)]) for top in tops}
+            rests = formula.each_with_replaced(tops, {node: other}, above)
+            changed = {top: join([node, rest]) for top, rest in rests.items()}
             new = formula.with_replaced(root, changed, above)
             effort -= 4 * len(nodes)
             now = _edges(formula, new)
@@ -123,7 +124,7 @@ def _decided(formula: Formula, root: int) -> int:
 
 
 def _above(readers: dict[int, list[int]], node: int) -> set[int]:
-    """Give the gates that depend on a node."""
+    """Return the gates that depend on a node."""
     above, waiting = set[int](), [node]
     while waiting:
         for gate in readers[waiting.pop()]:
@@ -136,7 +137,7 @@ def _above(readers: dict[int, list[int]], node: int) -> set[int]:
 def _decides(
     formula: Formula, root: int, readers: dict[int, list[int]], node: int, above: set[int], *, value: int
 ) -> list[int]:
-    """Give the topmost gates that have a value whenever a node has it, if the node can move up to them."""
+    """Return the topmost gates that have a value whenever a node has it, if the node can move up to them."""
     forced = {node}
     for gate in sorted(above):
         inputs, least = formula.inputs[gate], formula.least[gate]
@@ -149,13 +150,13 @@ def _decides(
 
 
 def _together(formula: Formula, root: int) -> int:
-    """Give a gate of their own to inputs that the same gates read, if these are all ORs or all ANDs."""
+    """Return a gate of their own to inputs that the same gates read, if these are all ORs or all ANDs."""
     nodes = formula.below(root)
     merged = _merged(formula, nodes)
     now: dict[int, int] = {}
 
     def value(node: int) -> int:
-        """Give what a node became; a gate of merged inputs is made anew from what they became."""
+        """Return what a node became; a gate of merged inputs is made anew from what they became."""
         found = now.get(node)
         if found is None:
             found = now[node] = formula.at_least(formula.least[node], [now[one] for one in formula.inputs[node]])
