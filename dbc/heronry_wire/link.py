@@ -421,7 +421,8 @@ class Link:
         if not self.is_calm:
             return Haste.URGENT
         room = self._mailboxes() - len(self._in_flight)
-        return Haste.PROMPT if len(self.queue) > room else Haste.PATIENT
+        is_awaited = self.one_at_a_time or len(self.queue) > room  # one at a time: the next one waits before this queue
+        return Haste.PROMPT if is_awaited else Haste.PATIENT
 
     def _hand_over(self, frame: Frame, now_ns: int) -> bool:
         """Hand the first frame of the queue to the controller; tells whether the controller had room."""

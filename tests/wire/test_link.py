@@ -13,13 +13,14 @@ from typing import Any
 import can
 import pytest
 
+from heronry_tools.runtime.softbus.batches import Batches
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire import can_interface
 from heronry_wire.bus_opening import LinkError, Opened
 from heronry_wire.can_interface import CanInterface
 from heronry_wire.controller import ControllerState
 from heronry_wire.frame import Frame
-from heronry_wire.frame_port import Arrival
+from heronry_wire.frame_port import Arrival, Haste
 from heronry_wire.link import ECHO_TIMEOUT_NS, REOPEN_NS, RETRY_NS, Link
 from heronry_wire.slow_opening import SlowOpening
 
@@ -90,6 +91,24 @@ def test_what_waits_goes_out_by_priority(hub: Path, one_at_a_time: bool, order: 
         while len(arrivals) < 4:
             arrivals += turn(sender, receiver)
         assert [arrival.frame.can_id for arrival in arrivals] == order
+
+
+@pytest.mark.parametrize(("one_at_a_time", "haste"), [(True, Haste.PROMPT), (False, Haste.PATIENT)], ids=["one", "any"])
+def test_the_echo_of_a_gateways_frame_is_awaited(
+    hub: Path, one_at_a_time: bool, haste: Haste, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[Haste] = []
+    send = Batches.send
+
+    def noted(self: Batches, frame: Frame, haste: Haste) -> None:
+        said.append(haste)
+        send(self, frame, haste)
+
+    monkeypatch.setattr(Batches, "send", noted)
+    with closing(link_to(hub)) as sender:
+        sender.is_calm, sender.one_at_a_time = True, one_at_a_time
+        sender.send(Frame(0x123, bytes(8)), time.monotonic_ns())
+    assert said == [haste]
 
 
 def test_how_long_a_frame_was_in_the_controller_is_known_from_its_echo(hub: Path) -> None:
