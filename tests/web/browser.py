@@ -113,6 +113,12 @@ class Watched:
         self.page.click(f'#tabs a[href="#/{name}"]')
         self.page.wait_for_selector(f"#panel-{name}:not([hidden])")
 
+    def every_symbol(self) -> None:
+        """Show the drawing of every symbol, and the table below it."""
+        self.page.check("#graph-symbols")
+        self.page.wait_for_selector("#graph .node")
+        self.page.eval_on_selector("#table", "(one) => { one.open = true; }")
+
     def until(self, script: str, longest_s: float = 10.0) -> None:
         """Wait until a script gives true; Playwright's own way needs an `eval` that the page forbids."""
         for _ in range(round(longest_s * 40)):

@@ -39,3 +39,16 @@ def load_line(second: int) -> BusSeen:
     share = 0.2 + 0.01 * (second % 7)
     bits = {"data": round(share * 800_000), "heartbeat": 20_000, "management": 30_000}
     return BusSeen(second * S, "can0", share, share + 0.1, bits, 900 + second, errors=0, error_state="active")
+
+
+@cache
+def three_lost() -> tuple[Event, ...]:
+    """In the glide the navigation, air data and flight computers die, one after the other."""
+    flight = Simulation(big_blue(), 41)
+    flight.run_until(2 * S)
+    flight.operator.say(EnterPhase("glide"))
+    for pe in ("nav", "air", "flight"):
+        flight.run_for(1 * S)
+        flight.fleet.kill(pe)
+    flight.run_for(2 * S)
+    return tuple(flight.events)

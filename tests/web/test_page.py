@@ -48,7 +48,7 @@ def chromium():
 def function_state(one):
     if not one["wanted"] or one["served"] is None:
         return "idle"
-    return "lost" if not one["served"] else "degraded" if one["degraded"] else "served"
+    return "lost" if not one["served"] else "degraded" if one["degraded"] or one["shortfalls"] else "served"
 
 
 def expect_panels_to_show(watched, snapshot):
@@ -117,8 +117,8 @@ def step(watched):
 
 def take_picture(watched):
     """The picture of README and docs/web.md."""
-    watched.page.select_option("#graph-function", "guidance")
-    watched.page.wait_for_selector('#graph svg[aria-label*="guidance"]')
+    watched.page.uncheck("#graph-symbols")
+    watched.page.wait_for_selector("#graph .folded .box")
     watched.page.evaluate("scrollTo(0, 0)")
     watched.page.wait_for_timeout(200)
     PICTURES.mkdir(parents=True, exist_ok=True)
@@ -135,7 +135,7 @@ def test_a_recorded_flight_in_the_browser(chromium):
     with Server(recorded()) as server:
         watched = Watched(chromium)
         watched.open(server.address)
-        watched.page.wait_for_selector("#graph .node")
+        watched.every_symbol()
         places = watched.places()
         steps = [step] * part_of(4, 2)
         moves = [partial(move_to, share=share) for share in sample((1, 0.3, 0.02, 0.9, 0.75, 0.2), 2)]
@@ -235,7 +235,7 @@ def test_the_graph_is_walked_with_the_keyboard(chromium):
     with Server(watched_now()) as server:
         watched = Watched(chromium)
         watched.open(server.address)
-        watched.page.wait_for_selector("#graph .node")
+        watched.every_symbol()
         watched.page.eval_on_selector('#graph .node[tabindex="0"]', "(one) => one.focus()")
         first = watched.page.evaluate("document.activeElement.dataset.key")
         watched.page.keyboard.press("ArrowDown")
@@ -254,7 +254,7 @@ def test_reconfigurations_move_nothing_and_after_a_hundred_of_them_a_page_needs_
     with Server(live) as server:
         watched = Watched(chromium)
         watched.open(server.address)
-        watched.page.wait_for_selector("#graph .node")
+        watched.every_symbol()
         places, heaps = watched.places(), []
         changing = [one for one in flown() if isinstance(one, CHANGING)]
         for reconfigurations in (100, 140):

@@ -154,7 +154,7 @@ def function_state(function: Function) -> tuple[str, str]:
         return "L", "bold red"
     if function.heard is False:
         return "~", "yellow"
-    return ("d", "yellow") if function.degraded else ("S", "green")
+    return ("d", "yellow") if function.degraded or function.shortfalls else ("S", "green")
 
 
 def functions(view: Snapshot, look: Look) -> list[Text]:

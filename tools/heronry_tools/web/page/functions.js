@@ -4,12 +4,25 @@ import { badge, byId, h, list, named, setText, WORDS } from "./dom.js";
 import { stateOf, store } from "./store.js";
 import * as details from "./details.js";
 
+const WORST_FIRST = ["lost", "degraded", "served", "idle"];
+
+// One row, until all of it is asked for.
+export function begin() {
+  const more = byId("functions-more");
+  more.addEventListener("click", () => {
+    const isOpen = byId("functions").classList.toggle("open");
+    more.setAttribute("aria-expanded", String(isOpen));
+    setText(more, isOpen ? "Less" : "All");
+  });
+}
+
 export function show() {
   const { functions, t_ns } = store.snapshot;
   const wanted = Object.values(functions).filter((one) => one.wanted);
   const served = wanted.filter((one) => one.served);
   setText(byId("functions-count"), `${served.length} of ${wanted.length} wanted ones served`);
   const rows = Object.entries(functions).map(([name, one]) => ({ name, state: stateOf(one), text: text(one, t_ns) }));
+  rows.sort((a, b) => WORST_FIRST.indexOf(a.state) - WORST_FIRST.indexOf(b.state));
   list(byId("functions"), rows, (row) => row.name, ({ name, state, text: said }) =>
     h("li", {}, h("button", {
       type: "button", class: `tile ${state}`, "data-function": name, "data-state": state, title: said,

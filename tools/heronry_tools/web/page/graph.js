@@ -1,30 +1,42 @@
-// The dependency graph: the server has drawn it, and this file only sets classes and the texts of places.
+// The dependency graph, folded (folded.js) or with every symbol: the server has drawn that one, and this file only sets
+// classes and the texts of places. Both are moved by dragging and scrolling, and sized by the buttons and by two fingers.
 
 import { badge, byId, h, LETTERS, list, named, WORDS } from "./dom.js";
 import { get } from "./stream.js";
 import { lateMoves, store } from "./store.js";
 import * as details from "./details.js";
+import { folded } from "./folded.js";
 
 const STATES = ["served", "degraded", "lost", "idle", "dead"];
 const WORST_FIRST = { lost: 4, served: 3, degraded: 3, idle: 1, dead: 0 };
-const drawings = new Map(); // function or "" -> parts
+const LEGIBLE = 1; // the least size that is offered first: no text is below 11 px
+const drawings = new Map(); // function or "" -> parts of the drawing of every symbol
+const folds = new Map(); // function or "" -> the folded drawing
 let shown = "";
-let zoom = null; // null: as wide as there is room, but legible; "fit": as wide as there is room
+let isWhole = false; // every symbol is drawn
+let zoom = null; // null: as wide as there is room, but legible; "fit": all of it
 let redraw = () => {};
 
 export function begin(show) {
   redraw = show;
   const select = byId("graph-function");
-  select.append(h("option", { value: "" }, "all functions"), ...Object.keys(store.facts.functions).map((name) => h("option", { value: name }, name)));
+  select.append(h("option", { value: "" }, "overview"), ...Object.keys(store.facts.functions).map((name) => h("option", { value: name }, name)));
   select.addEventListener("change", () => choose(select.value));
   byId("graph-larger").addEventListener("click", () => size(1.25));
   byId("graph-smaller").addEventListener("click", () => size(0.8));
   byId("graph-fit").addEventListener("click", () => size("fit"));
+  byId("graph-symbols").addEventListener("change", (event) => {
+    isWhole = event.target.checked;
+    zoom = null;
+    choose(shown);
+  });
+  byId("table").addEventListener("toggle", show);
+  pinch(byId("graph"));
   const state = byId("table-state");
   state.append(h("option", { value: "" }, "every"), ...STATES.map((one) => h("option", { value: one }, WORDS[one])));
   state.addEventListener("change", show);
   byId("legend").append(...STATES.map((one) => h("li", {}, badge(one), WORDS[one])), h("li", {}, "bold: in use"));
-  addEventListener("resize", () => fit(drawings.get(shown)));
+  addEventListener("resize", fit);
   choose("");
 }
 
@@ -48,39 +60,80 @@ export async function drawing(name) {
 }
 
 async function choose(name) {
-  if (!drawings.has(name)) {
+  shown = name;
+  byId("graph-function").value = name;
+  if (isWhole && !drawings.has(name)) {
     const parts = await drawing(name);
     parts.svg.addEventListener("click", (event) => pick(event.target.closest(".node")));
     parts.svg.addEventListener("keydown", keys);
     parts.nodes[0]?.element.setAttribute("tabindex", "0");
     drawings.set(name, parts);
+    if (shown !== name) return;
   }
-  shown = name;
-  byId("graph-function").value = name;
-  byId("graph").replaceChildren(drawings.get(name).svg);
-  fit(drawings.get(name));
+  if (!isWhole && !folds.has(name)) folds.set(name, folded(name, choose));
+  byId("graph").replaceChildren(isWhole ? drawings.get(name).svg : folds.get(name).element);
   redraw();
+  fit();
 }
 
 // #/graph/FUNCTION shows what contributes to it.
 export function opened(name) {
   if (name && name in store.facts.functions && name !== shown) choose(name);
+  else fit();
 }
+
+const part = () => (isWhole ? drawings.get(shown)?.svg : folds.get(shown)?.element);
+
+// The width and height that a drawing has at the size 1.
+function natural(element) {
+  if (isWhole) return [element.viewBox.baseVal.width, element.viewBox.baseVal.height];
+  element.style.zoom = "1";
+  return [element.scrollWidth, element.scrollHeight];
+}
+
+let scale = 1;
 
 function size(factor) {
-  const parts = drawings.get(shown);
-  const now = parts.svg.getBoundingClientRect().width / parts.width;
-  zoom = factor === "fit" ? factor : Math.min(4, Math.max(0.15, now * factor));
-  fit(parts);
+  zoom = factor === "fit" ? factor : Math.min(4, Math.max(0.15, scale * factor));
+  fit();
 }
 
-function fit(parts) {
-  if (!parts) return;
-  const room = byId("graph").clientWidth;
-  const whole = Math.min(1.15, room / parts.width);
-  const scale = zoom === "fit" ? whole : (zoom ?? Math.max(whole, 0.7));
-  parts.svg.style.width = `${Math.round(parts.width * scale)}px`;
-  parts.svg.style.height = "auto";
+function fit() {
+  const element = part();
+  if (!element || byId("panel-graph").hidden) return;
+  const room = byId("graph");
+  const [width, height] = natural(element);
+  const most = Math.min(room.clientWidth / width, (parseFloat(getComputedStyle(room).maxHeight) || height) / height);
+  const first = isWhole ? Math.max(Math.min(1.15, room.clientWidth / width), LEGIBLE) : LEGIBLE;
+  scale = zoom === "fit" ? Math.min(1.15, most) : (zoom ?? first);
+  if (isWhole) {
+    element.style.width = `${Math.floor(width * scale)}px`;
+    element.style.height = "auto";
+  } else element.style.zoom = String(scale);
+}
+
+// Two fingers change the size; one moves what is shown, as the browser does it anyway.
+function pinch(room) {
+  const fingers = new Map();
+  let apart = 0, began = 1;
+  const distance = () => {
+    const [a, b] = [...fingers.values()];
+    return Math.hypot(a[0] - b[0], a[1] - b[1]);
+  };
+  room.addEventListener("pointerdown", (event) => {
+    if (event.pointerType !== "touch") return;
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (fingers.size === 2) [apart, began] = [distance(), scale];
+  });
+  room.addEventListener("pointermove", (event) => {
+    if (!fingers.has(event.pointerId)) return;
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (fingers.size === 2 && apart > 0) {
+      zoom = Math.min(4, Math.max(0.15, (began * distance()) / apart));
+      fit();
+    }
+  });
+  for (const end of ["pointerup", "pointercancel"]) room.addEventListener(end, (event) => fingers.delete(event.pointerId));
 }
 
 function pick(element) {
@@ -135,7 +188,7 @@ export function colour(parts, live, modules, moves = {}, picked = null) {
       const of = `cell ${live.cells[`${node.key}#${number}`] ?? ""}`;
       if (cell.getAttribute("class") !== of) cell.setAttribute("class", of);
     });
-    const place = runs?.pe ? (from ? `${from} → ${runs.pe}` : `on ${runs.pe}`) : "";
+    const place = runs?.pe ? (from ? `${from} → ${runs.pe}` : `on ${runs.pe}`) : ["dead", "lost"].includes(state) ? `× ${WORDS[state]}` : "";
     if (node.place && node.place.textContent !== place) node.place.textContent = place;
     const label = `${node.key.replace(":", " ")}, ${WORDS[state]}${place ? `, ${place}` : ""}`;
     if (node.label !== label) {
@@ -156,11 +209,10 @@ export function colour(parts, live, modules, moves = {}, picked = null) {
 
 export function show() {
   const snapshot = store.snapshot;
-  const parts = drawings.get(shown);
   const picked = details.pickedKey();
-  const moves = lateMoves(snapshot);
-  if (parts) colour(parts, snapshot.graph, snapshot.modules, moves, picked);
-  table(snapshot, picked);
+  if (!isWhole) folds.get(shown)?.update(snapshot);
+  else if (drawings.has(shown)) colour(drawings.get(shown), snapshot.graph, snapshot.modules, lateMoves(snapshot), picked);
+  if (byId("table").open) table(snapshot, picked);
 }
 
 function table(snapshot, picked) {
@@ -179,6 +231,5 @@ function table(snapshot, picked) {
   list(byId("symbols"), rows, (row) => row.key, (row) =>
     h("tr", { class: row.picked ? "picked" : "", "data-symbol": row.key, "data-state": row.live },
       h("td", {}, h("span", { class: `badge ${row.live}`, "aria-hidden": "true" }, LETTERS[row.live]), ` ${WORDS[row.live]}`),
-      h("td", {}, h("button", { type: "button", on: { click: () => details.open(target(row.key)) } }, named(row.name)), h("small", { class: "muted" }, ` ${row.kind}`)),
-      h("td", {}, row.where)));
+      h("td", {}, h("button", { type: "button", on: { click: () => details.open(target(row.key)) } }, named(row.name)), h("small", { class: "muted" }, ` ${row.kind}${row.where ? ` · ${row.where}` : ""}`))));
 }

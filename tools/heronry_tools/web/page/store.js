@@ -62,7 +62,7 @@ export function stateOf(one) {
   if (!one.wanted) return "idle";
   if (one.served === null) return "idle";
   if (!one.served) return "lost";
-  return one.degraded ? "degraded" : "served";
+  return one.degraded || one.shortfalls.length ? "degraded" : "served"; // upstream of its output, too
 }
 
 // What a question to the planner says of changed priorities and limited links.

@@ -91,7 +91,7 @@ function answered(into, asked, answer) {
   }
   const { plan, graph } = answer;
   colour(parts, graph, plan.modules);
-  parts.svg.style.width = `${Math.round(parts.width * 0.7)}px`;
+  parts.svg.style.width = `${parts.width}px`;
   parts.svg.style.height = "auto";
   for (const { element } of parts.nodes) element.setAttribute("role", "img");
   const wanted = Object.entries(plan.functions).filter(([name]) => isWanted(name, asked));
