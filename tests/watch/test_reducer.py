@@ -257,6 +257,9 @@ def test_a_take_over_an_adoption_and_what_runs() -> None:
     view = snapshot(*events)
     assert (view.manager.term, view.phase, view.epoch, view.next_epoch) == (3, "glide", 9, None)
     assert view.modules["attitude_filter"].pe == "nav"
+    assert [(one.epoch, one.causes, one.times_ns.activate) for one in view.reconfigurations] == [(9, (), None)]
+    assert "9" in view.reconfigurations[0].sentence
+    assert len(snapshot(*events, Adopted(11, epoch=9, digest="0000AB")).reconfigurations) == 1
     assert (view.pes["nav"].stood_still, view.buses["can0"].trouble, view.lost_lines) == (3, "the bus is off", 4)
     assert snapshot(*events[:2]).manager.state == "active"
     assert snapshot(events[0]).manager.state == "standby"

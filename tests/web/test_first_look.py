@@ -1,10 +1,14 @@
 """What a user sees first, on a desk and on a phone: the graph, what is lost and why; legible, and without a click."""
 
+import socket
+from pathlib import Path
+
 import pytest
 
+from heronry_manager.events import Adopted
 from web.browser import Server, Watched, browser, needs_chromium
 from web.flight import big_blue, three_lost
-from web.test_page import PANELS, expect_axe_to_find_nothing, watched_now
+from web.test_page import PANELS, Noted, expect_axe_to_find_nothing, watched_now
 
 pytestmark = needs_chromium
 
@@ -146,3 +150,29 @@ def test_every_panel_is_legible(chromium, server, width, scheme):
         if panel == "what-if":
             watched.page.wait_for_selector("#what-if-answer [data-plan]", timeout=60_000)
         expect_legible(watched, f"{panel} at {width}, {scheme}")
+
+
+def test_only_orders_that_can_be_given_now_are_offered_and_an_adopted_epoch_is_listed(chromium):
+    live = watched_now(three_lost())
+    live.take_all([Adopted(live.snapshot.t_ns, epoch=77, digest="0000AB")], None, is_alive=True)
+    ours, theirs = socket.socketpair()
+    with ours, theirs, Server(live, operates=True, orders=Noted(Path("none.sock"), ours)) as running:
+        watched = Watched(chromium, DESK)
+        watched.open(running.access.url(with_token=True))
+        for pe, one in watched.known()["pes"].items():
+            offered = [
+                order for order in ("kill", "restore") if watched.page.query_selector(f'[data-order="{order} pe:{pe}"]')
+            ]
+            assert offered == ["restore" if one["standing"] == "down" else "kill"], pe
+        watched.page.click('#pes [data-pe="nav"] header button')
+        watched.page.wait_for_selector("#details:not([hidden]) dl")
+        shown = watched.page.text_content("#details") or ""
+        assert " ago" in shown
+        assert watched.page.query_selector('#details [data-order="clear pe:nav"]') is None
+        assert watched.page.query_selector('#details [data-order="unlock pe:nav"]') is None
+        expect_axe_to_find_nothing(watched, "a PE with its orders")
+        watched.panel("timeline")
+        watched.page.wait_for_selector("#reconfigurations li")
+        assert "Epoch 77" in (watched.page.text_content("#reconfigurations li") or "")
+        assert watched.page.query_selector("#reconfiguration .lanes") is None
+        assert watched.wrong == []

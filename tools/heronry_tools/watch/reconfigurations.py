@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 
-from heronry_manager.events import EpochSeen, Reconfigured
+from heronry_manager.events import Adopted, EpochSeen, Reconfigured
 from heronry_tools.watch.sentences import sentence_of
 from heronry_tools.watch.snapshot import (
     KEPT_RECONFIGURATIONS,
@@ -18,16 +18,20 @@ from heronry_tools.watch.snapshot import (
 _KEPT_OUTAGES = 200
 
 
-def done(before: Snapshot, after: Snapshot, event: Reconfigured | EpochSeen) -> Snapshot:
+def done(before: Snapshot, after: Snapshot, event: Adopted | EpochSeen | Reconfigured) -> Snapshot:
     """Return the snapshot `after` with a new reconfiguration at the end of its list.
+
+    An epoch that a manager adopts is listed too, without times and causes, unless it is the last of the list already.
 
     before: the snapshot with the configuration that ran before the reconfiguration.
     after: the snapshot with the configuration that runs now.
-    event: the event that reports the reconfiguration, `reconfigured` or `epoch_seen`.
+    event: the event that reports the reconfiguration: `reconfigured`, `epoch_seen` or `adopted`.
     """
-    times, t_ns = event.times_ns, event.t_ns
+    if isinstance(event, Adopted) and after.reconfigurations and after.reconfigurations[-1].epoch == event.epoch:
+        return after
+    times, t_ns = Times() if isinstance(event, Adopted) else Times(**event.times_ns.by_name()), event.t_ns
     known_ns = event.began_ns if isinstance(event, EpochSeen) else 0
-    began_ns = known_ns or t_ns - sum(ns for ns in times.by_name().values() if ns is not None)
+    began_ns = known_ns or t_ns - sum(ns for ns in _known(times))
     was, now = _served(before), _served(after)
     known = after.reconfigurations[-1].after if after.reconfigurations else {}
     old, new = _places(before, known), _places(after, known)
@@ -38,7 +42,7 @@ def done(before: Snapshot, after: Snapshot, event: Reconfigured | EpochSeen) -> 
         term=after.manager.term,
         began_ns=began_ns,
         done_ns=t_ns,
-        times_ns=Times(**times.by_name()),
+        times_ns=times,
         causes=event.causes if isinstance(event, Reconfigured) else (),
         sentence="" if sentence is None else sentence[1],
         moved=tuple(sorted(name for name in old.keys() & new.keys() if old[name].pe != new[name].pe)),
@@ -53,6 +57,11 @@ def done(before: Snapshot, after: Snapshot, event: Reconfigured | EpochSeen) -> 
         after=new,
     )
     return replace(after, reconfigurations=(*after.reconfigurations[1 - KEPT_RECONFIGURATIONS :], one))
+
+
+def _known(times: Times) -> tuple[int, ...]:
+    parts = (times.detect, times.decide, times.distribute, times.activate)
+    return tuple(ns for ns in parts if ns is not None)
 
 
 def with_outage(snapshot: Snapshot, outage: Outage) -> Snapshot:

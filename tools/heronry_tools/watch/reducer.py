@@ -134,7 +134,7 @@ class Reducer:
             state = _standing(state, event)
         if isinstance(event, _SHOWN_ANEW):
             state = replace(state, snapshot=self._situations.shown(state.snapshot, state.running))
-        if isinstance(event, events.Reconfigured | events.EpochSeen):
+        if isinstance(event, events.Adopted | events.EpochSeen | events.Reconfigured):
             state = replace(state, snapshot=done(before, state.snapshot, event))
         return state
 

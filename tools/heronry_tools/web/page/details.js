@@ -1,6 +1,6 @@
 // Everything that is known of one thing: what the spec says, what runs, and why something is not served.
 
-import { badge, byId, bytes, clock, h, listed, percent, WORDS } from "./dom.js";
+import { ago, badge, byId, bytes, h, listed, percent, WORDS } from "./dom.js";
 import { post } from "./stream.js";
 import { stateOf, store } from "./store.js";
 import * as operate from "./operate.js";
@@ -40,7 +40,7 @@ export function show() {
     return;
   }
   const rows = (TELL[picked.kind] ?? nothing)(picked.name, store.snapshot, store.facts);
-  const text = JSON.stringify([picked, rows]);
+  const text = JSON.stringify([picked, rows, store.snapshot.faults.map((fault) => fault.element)]); // orders follow the faults
   if (text === drawn) return;
   const why = drawn && section.querySelector(".explained");
   drawn = text;
@@ -91,8 +91,8 @@ const TELL = {
       facts: {
         state: one.wanted ? WORDS[state] : "not wanted in this phase", why: one.why_not, "served by": facts.functions[name].outputs.filter((output) => snapshot.modules[output].pe).join(", "),
         mode: one.mode, value: one.value, "less than the best": one.shortfalls.join("; ") || null, criticality: one.criticality, priority: one.priority,
-        "on the bus": one.heard === null ? null : one.heard ? "heard" : "not heard", "last output": one.heard_ns === null ? null : clock(one.heard_ns, snapshot.began_ns),
-        "not served since": one.not_since_ns === null ? null : clock(one.not_since_ns, snapshot.began_ns), "one of": facts.functions[name].outputs.join(", "),
+        "on the bus": one.heard === null ? null : one.heard ? "heard" : "not heard", "last output": ago(one.heard_ns, snapshot),
+        "not served since": ago(one.not_since_ns, snapshot), "one of": facts.functions[name].outputs.join(", "),
       },
     };
   },
@@ -103,7 +103,7 @@ const TELL = {
       elements: [`pe:${name}`],
       facts: {
         standing: WORDS[one.standing], why: one.why, "node-ID": one.node_id, buses: facts.pes[name].buses.join(", "), features: facts.pes[name].features.join(", "),
-        "last heard": clock(one.last_heard_ns, snapshot.began_ns), "boot count": one.incarnation, reboots: one.reboots, "module restarts": one.restarts, epoch: one.epoch, runs: one.runs,
+        "last heard": ago(one.last_heard_ns, snapshot), "number of its boot": one.incarnation, "reboots since this page's source began": one.reboots, "module restarts": one.restarts, epoch: one.epoch, runs: one.runs,
         "hears a manager": one.hears_manager === null ? null : one.hears_manager ? "yes" : "no", "CPU as measured": one.load_percent === null ? null : `${one.load_percent} %`,
         "CPU planned": `${one.cpu.used / 1000} of ${one.cpu.of / 1000} cores`, RAM: `${bytes(one.ram.used)} of ${bytes(one.ram.of)}`, flash: `${bytes(one.flash.used)} of ${bytes(one.flash.of)}`,
         modules: listed(one.modules), standstills: one.stood_still || null,

@@ -88,6 +88,14 @@ export function clock(ns, began) {
   return `${Math.floor(s / 60)}:${(s % 60).toFixed(1).padStart(4, "0")} min`;
 }
 
+// How long ago, in whole seconds: a text that changed with every frame could not be read.
+export function ago(ns, { t_ns }) {
+  if (ns === null || ns === undefined) return null;
+  const s = Math.floor((t_ns - ns) / 1e9);
+  if (s < 1) return "less than a second ago";
+  return s < 60 ? `${s} s ago` : `${Math.floor(s / 60)} min ${s % 60} s ago`;
+}
+
 // A name that may be broken after its underscores.
 export const named = (name) => name.split("_").flatMap((part, at) => (at ? ["_", h("wbr"), part] : [part]));
 

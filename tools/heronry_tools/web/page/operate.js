@@ -28,8 +28,15 @@ function opener(order, text, act) {
   return h("button", { type: "button", class: ORDERS[order.do].grave ? "grave" : "", "data-order": [order.do, order.what].filter(Boolean).join(" "), on: { click: act ?? (() => ask(order)) } }, text ?? ORDERS[order.do].word(order));
 }
 
+// What can be done now: a PE that is down cannot be killed, and only what is latched can be cleared.
+const isDown = (element) => store.snapshot.pes[element.slice(3)]?.standing === "down";
+const isLatched = (element) => store.snapshot.faults.some((fault) => fault.element === element);
+const NOW = {
+  kill: (element) => !isDown(element), restore: isDown, unlock: (element) => !isDown(element), fail: (element) => !isLatched(element), clear: isLatched,
+};
+
 export function button(name, element) {
-  if (!takes(name) || (OF_A_PE.includes(name) && !element.startsWith("pe:"))) return null;
+  if (!takes(name) || !NOW[name](element) || (OF_A_PE.includes(name) && !element.startsWith("pe:"))) return null;
   return opener({ do: name, what: element });
 }
 

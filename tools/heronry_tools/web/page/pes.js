@@ -3,6 +3,7 @@
 import { badge, byId, bytes, h, list, setText } from "./dom.js";
 import { lateMoves, store } from "./store.js";
 import * as details from "./details.js";
+import * as operate from "./operate.js";
 
 export function show() {
   const { pes, modules } = store.snapshot;
@@ -20,14 +21,15 @@ export function show() {
 function card(pe) {
   const extra = [
     `node ${pe.node}`,
-    pe.incarnation === null ? null : `boot ${pe.incarnation}`,
+    pe.incarnation === null ? null : `boot no. ${pe.incarnation}`,
     pe.restarts ? `${pe.restarts} module restarts` : null,
-    pe.reboots ? `${pe.reboots} reboots` : null,
+    pe.reboots ? `${pe.reboots} reboots seen` : null,
   ].filter(Boolean);
   return h("li", { class: `card pe ${pe.standing}`, "data-pe": pe.name, "data-standing": pe.standing },
     h("header", {}, badge(pe.standing),
       h("button", { type: "button", on: { click: () => details.open({ kind: "pe", name: pe.name }) } }, pe.name),
-      h("small", {}, extra.join(" · "))),
+      h("small", {}, extra.join(" · ")),
+      operate.button("kill", `pe:${pe.name}`), operate.button("restore", `pe:${pe.name}`)),
     pe.why ? h("p", { class: "why" }, pe.why) : null,
     h("div", { class: "budgets" },
       budget("CPU", pe.cpu, (n) => `${(n / 1000).toFixed(2)}`),

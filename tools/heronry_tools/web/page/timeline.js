@@ -14,6 +14,7 @@ let chosen = null; // TERM.EPOCH of the address
 let drawn = "";
 
 const nameOf = (one) => `${one.term ?? 0}.${one.epoch}`;
+const isTimed = (one) => STEPS.some((step) => one.times_ns[step] !== null); // an epoch that was adopted has no times
 const total = (one) => STEPS.reduce((sum, step) => sum + (one.times_ns[step] ?? 0), 0);
 
 export function opened(rest) {
@@ -25,8 +26,8 @@ export function show() {
   const began = store.snapshot.began_ns;
   const one = all.find((each) => nameOf(each) === chosen) ?? all.at(-1);
   const rows = [...all].reverse().map((each) => ({
-    number: each.number, name: nameOf(each), epoch: each.epoch, sentence: each.causes[0] ?? "no cause is told",
-    more: each.causes.length - 1, when: clock(each.done_ns, began), times: each.times_ns, total: total(each),
+    number: each.number, name: nameOf(each), epoch: each.epoch, sentence: each.causes[0] ?? each.sentence,
+    more: each.causes.length - 1, when: clock(each.done_ns, began), times: each.times_ns, total: total(each), isTimed: isTimed(each),
     lost: each.lost.length, current: each === one,
   }));
   list(byId("reconfigurations"), rows, (row) => row.number, entry);
@@ -40,7 +41,7 @@ export function show() {
 
 function entry(row) {
   return h("li", {}, h("a", { href: `#/timeline/${row.name}`, "aria-current": row.current ? "true" : null },
-    h("span", { class: "line" }, h("span", {}, `Epoch ${row.epoch}`), h("span", {}, milliseconds(row.total))),
+    h("span", { class: "line" }, h("span", {}, `Epoch ${row.epoch}`), row.isTimed ? h("span", {}, milliseconds(row.total)) : null),
     strip(row.times, row.total),
     h("small", {}, `${row.when} · ${row.sentence}${row.more > 0 ? ` and ${row.more} more` : ""}${row.lost ? ` · ${row.lost} no longer served` : ""}`)));
 }
@@ -59,8 +60,8 @@ function story(one, began, isAnother) {
     h("h2", {}, `Reconfiguration ${one.number}: epoch ${one.epoch}`),
     h("p", { class: "sentence" }, sentence(one)),
     h("p", { class: "muted" }, `done at ${clock(one.done_ns, began)} · `, h("a", { href: `#/timeline/${nameOf(one)}` }, "link to this one")),
-    h("h3", {}, `How long: ${milliseconds(total(one))}`),
-    lanes(one),
+    isTimed(one) ? h("h3", {}, `How long: ${milliseconds(total(one))}`) : null,
+    isTimed(one) ? lanes(one) : null,
     h("h3", {}, "Functions"),
     h("div", { class: "modules" },
       one.lost.map((name) => h("span", { class: "chip lost" }, `no longer served: ${name}`)),
