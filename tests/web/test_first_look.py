@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from heronry_manager.events import Adopted
+from heronry_tools.fly.report.axes import picture
+from heronry_tools.fly.report.flight_page import page
 from web.browser import Server, Watched, browser, needs_chromium
 from web.flight import big_blue, three_lost
 from web.test_page import PANELS, Noted, expect_axe_to_find_nothing, watched_now
@@ -176,3 +178,15 @@ def test_only_orders_that_can_be_given_now_are_offered_and_an_adopted_epoch_is_l
         assert "Epoch 77" in (watched.page.text_content("#reconfigurations li") or "")
         assert watched.page.query_selector("#reconfiguration .lanes") is None
         assert watched.wrong == []
+
+
+def test_the_report_of_a_flight_fits_a_phone(chromium, tmp_path):
+    file = tmp_path / "landing.html"
+    file.write_text(
+        page("A flight", ["<h1>A flight</h1>", picture(200, "Ground track", ['<text x="9" y="20">N</text>'])])
+    )
+    watched = Watched(chromium, PHONE)
+    watched.page.goto(file.as_uri())
+    assert watched.page.evaluate(SIDEWAYS) <= 0
+    assert watched.page.evaluate("innerWidth") == PHONE
+    assert watched.page.evaluate(SMALL_TEXTS, LEAST_PX) == []

@@ -21,7 +21,8 @@ STYLE = """
 body { font: 15px/1.45 "DejaVu Sans", Verdana, sans-serif; color: #1b1f24; background: #fff; max-width: 1000px;
   margin: 24px auto; padding: 0 12px; }
 h1 { font-size: 22px; } h2 { font-size: 16px; margin: 28px 0 4px; } p { margin: 6px 0; } svg { display: block; }
-table { border-collapse: collapse; margin: 8px 0; } td, th { padding: 3px 14px 3px 0; text-align: left; }
+.wide { overflow-x: auto; } table { border-collapse: collapse; margin: 8px 0; display: block; overflow-x: auto; }
+td, th { padding: 3px 14px 3px 0; text-align: left; }
 th { font-weight: 600; border-bottom: 1px solid #d0d7de; } td.n { text-align: right; }
 text { font-family: "DejaVu Sans", Verdana, sans-serif; font-size: 12px; fill: #1b1f24; }
 .tick { fill: #57606a; } .grid { stroke: #e6e9ec; } .frame { fill: none; stroke: #8c959f; }

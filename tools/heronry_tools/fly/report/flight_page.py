@@ -54,8 +54,10 @@ def flight_page(record: FlightRecord) -> str:
 
 
 def page(title: str, parts: Sequence[str]) -> str:
-    """Return an HTML page that consists of `parts`."""
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
+    """Return an HTML page that consists of `parts`; on a narrow screen each picture scrolls by itself."""
+    parts = [f'<div class="wide" tabindex="0">{part}</div>' if part.startswith("<svg") else part for part in parts]
+    narrow = '<meta name="viewport" content="width=device-width, initial-scale=1">'
+    head = f'<meta charset="utf-8">{narrow}<title>{escape(title)}</title><style>{STYLE}</style>'
     return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>\n' + "\n".join(parts) + "\n</body></html>\n"
 
 
