@@ -98,7 +98,9 @@ class Ends:
             self.failures.append(f"{way}: no branch drives")
             return
         time.sleep(self._random.uniform(0.0, 0.3))
-        servo = self._driving() or "servo_a"
+        servo = self._driving()
+        if servo is None:
+            return  # it is just being handed over
         pe, driver = _PE[servo], flight.drivers(self._agents[_PE[servo]]).get(servo)
         if driver not in {one.process for one in writes_of(flight.device(servo))}:
             return  # its process is just being started again, and has not even taken the first safe action
@@ -189,12 +191,15 @@ class Ends:
 
     def _expect_safe_before_the_other(self, servo: str, way: str, begun_ns: int) -> None:
         (other,) = _PE.keys() - {servo}
+        before = [one.value for one in writes_of(self._flight.device(servo)) if one.at_ns <= begun_ns]
+        if before[-1] == SAFE:
+            return  # it was safe before
         safe = [
             one.at_ns for one in writes_of(self._flight.device(servo)) if one.at_ns > begun_ns and one.value == SAFE
         ]
         theirs = [one for one in writes_of(self._flight.device(other)) if one.at_ns > begun_ns and one.value != SAFE]
         if theirs and (not safe or theirs[0].at_ns < safe[0]):
-            self.failures.append(f"{way}: {other} was commanded before {servo} was safe")
+            self.failures.append(f"{way}: {other} got {theirs[0]} before {servo} was safe, {safe[:1]}, {begun_ns}")
 
     def lost(self) -> list[str]:
         """Return the PEs that were lost without a reason."""

@@ -11,6 +11,7 @@ from typing import Any
 from heronry_dg.loader import load
 from heronry_manager import events
 from heronry_manager.core.vocabulary import ClearElement
+from heronry_manager.shell.control_client import call
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
@@ -74,10 +75,14 @@ class Flown:
         return self.told(self._cleared)
 
     def clear(self) -> None:
-        """Give the operator's order that whatever was reported works again; it may be reported once more."""
-        elements, self._cleared = self.told_anew(), len(self.events)
+        """Give the operator's order that whatever was reported, or is held down, works again.
+
+        It may be reported once more. A PE that is lost again and again is held down for longer each time.
+        """
+        held = {f"pe:{one.pe}" for one in self.events[self._cleared :] if isinstance(one, events.PeHeardAgain)}
+        elements, self._cleared = self.told_anew() | held, len(self.events)
         for element in elements:
-            self.fleet.order(ClearElement(element), element)
+            call(self.fleet.control_socket(), ClearElement(element))  # refused if it has come back meanwhile
 
     def lost_without_standstill(self, struck: set[str]) -> list[str]:
         """Return the PEs that were lost, were not struck, and beside whose loss no standstill was told."""
