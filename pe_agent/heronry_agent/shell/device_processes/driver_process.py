@@ -176,15 +176,19 @@ def _run(orders: DeviceOrders, block: SharedBlock, line: Line) -> int:
         return 0
     process = ActuatorProcess(driver, orders, block, line)
     # A dead agent closes the socket and sends SIGTERM, whose handler raises once, wherever this process is by then. If
-    # it cuts one of the two safe actions short, the other one is complete.
+    # it cuts the safe action short, that is taken again; if not, it is not touched again.
+    is_safe = False
     try:
         try:
             _declare(block, _ACTUATORS_SETTLE_MS, driver.LONGEST_COMMAND_MS)
             process.run()
         finally:
             process.make_safe("")
+            is_safe = True
     finally:
-        process.make_safe("")
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        if not is_safe:
+            process.make_safe("")
         driver.close()
     return 0
 
