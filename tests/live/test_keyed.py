@@ -9,7 +9,16 @@ from typing import Any
 
 import pytest
 
-from heronry_manager.events import Adopted, ManagerStarted, PeJoined, PeLost, Reconfigured, Summary, TakenOver
+from heronry_manager.events import (
+    Adopted,
+    ManagerStarted,
+    PeJoined,
+    PeLost,
+    Reconfigured,
+    Summary,
+    TableBrought,
+    TakenOver,
+)
 from heronry_manager.events.reading import events_in
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
@@ -117,7 +126,9 @@ def test_a_pe_with_a_key_takes_its_table_only_with_the_key_and_an_unlock(
         assert main(["table", str(fleet.spec), pe, "-o", str(fleet.folder / f"{pe}.table")]) == 0
         fleet.start("heronry_agent", "--simulated", "--table", str(fleet.folder / f"{pe}.table"))
     fleet.start("heronry_agent", "--simulated", "--node", str(TAIL_NODE))
-    until(manager, PeJoined, pe="control_pe")
+    until(manager, TableBrought, pe="tail_pe")  # unlocked and sealed by the manager, of its own accord
+    until(manager, PeJoined, pe="tail_pe")
+    until(manager, Reconfigured)
     capsys.readouterr()
     assert fleet.send_table() == 2
     assert "did not take the table (Code 0x08000022" in capsys.readouterr().err
@@ -125,6 +136,4 @@ def test_a_pe_with_a_key_takes_its_table_only_with_the_key_and_an_unlock(
     assert "no manager listens on" in capsys.readouterr().err
     assert fleet.send_table("--key", str(fleet.key), "--socket", str(fleet.socket)) == 0
     assert capsys.readouterr().out.startswith(f"tail_pe, node {TAIL_NODE}, has its table: ")
-    until(manager, PeJoined, pe="tail_pe")
-    until(manager, Reconfigured)
     assert main(["unlock", "pe:tail_pe", "--socket", str(fleet.socket)]) == 0

@@ -14,7 +14,7 @@ from heronry_dg.plan import Plan
 from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Memory
-from heronry_manager.core.tables.compilation import Compiler
+from heronry_manager.core.tables import Compiler, PeTables
 from heronry_manager.core.vocabulary import Emit, Keep, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_manager.events import Event
 from heronry_manager.planner.exact import plan
@@ -76,10 +76,12 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         memory: Memory = NOTHING,
         key: Key | None = None,
         reads_objects: bool = False,
+        brings_tables: bool = False,
     ) -> None:
         self.spec = spec or two_tails()
         self.memory, now_ns = replace(memory, term=max(memory.term, term - 1)), 1_000 * MS  # as a journal would have it
-        core = ManagerCore(self.spec, node, self.memory, now_ns, key=key, reads_objects=reads_objects)
+        tables = PeTables(Compiler(self.spec), ()).text if brings_tables else None
+        core = ManagerCore(self.spec, node, self.memory, now_ns, key=key, reads_objects=reads_objects, tables=tables)
         super().__init__(core, now_ns)
         self.core: ManagerCore
         self.node = node

@@ -6,7 +6,7 @@ Each room decides one thing. A room imports only what stands below it; rooms in 
     intake                                what follows from each frame, order and change
     planning, heartbeat                   when a plan is requested and deployed; what goes out in each period
     knowledge                             all that is forgotten when the manager falls silent or stands by
-    reports                               what people are told; no decision depends on it
+    reports, provisioning                 what people are told, no decision depends on it; tables for PEs without one
     mastership                            whether this manager is the active one
     situation, epochs, authentication     what has failed; what runs; what has been proven
     membership                            which PEs are available, and what the others may still drive

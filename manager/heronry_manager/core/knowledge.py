@@ -14,12 +14,14 @@ The objects stay the same for as long as the manager runs. When the manager forg
     script          the configuration that a script of the operator has ordered
     authenticity    with a key: what has been proven; None without a key
     details         what PEs store for people to read. No decision depends on it, and the manager does not forget it
+    bringing        which PEs wait without a table. It forgets by itself when the manager is not active
 """
 
 from heronry_manager.core.authentication import Authenticity
 from heronry_manager.core.epochs import Advice, Deployment, HeldOutputs, Silences
 from heronry_manager.core.mastership import Claim, Following, Mastership
 from heronry_manager.core.membership import Exclusion, Health
+from heronry_manager.core.provisioning import TableBringing
 from heronry_manager.core.reports import PeDetails
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.situation import HeldScript, KnownSituation
@@ -59,6 +61,7 @@ class Knowledge:
         if key is not None:
             self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=claim.speaks)
         self.details = PeDetails(settings, turn, claim)
+        self.bringing = TableBringing(settings, turn, claim, self.health)
 
     def forget(self) -> None:
         """Forget what this manager knows, except what `memory` and `details` hold."""

@@ -36,6 +36,7 @@ phase, latched faults, quarantines, what runs (`memory`, which the driver keeps 
 with what they run (`replanning`).
 """
 
+from collections.abc import Callable
 from typing import Any
 
 from heronry_dg.model import Spec
@@ -93,6 +94,7 @@ class ManagerCore:
         standby: bool = False,
         tells_departures: bool = False,
         reads_objects: bool = False,
+        tables: Callable[[str], str] | None = None,
         compiler: Compiler | None = None,
     ) -> None:
         """Begin to listen at `now_ns`; `memory`: what the journal has kept for this spec.
@@ -113,6 +115,7 @@ class ManagerCore:
             standby=standby,
             tells_departures=tells_departures,
             reads_objects=reads_objects,
+            tables=tables,
         )
         self._settings = settings
         self.alive_id = management_id(node, Command.ALIVE)
@@ -124,6 +127,7 @@ class ManagerCore:
         known = self._known = Knowledge(settings, turn, claim)
         self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
         self._deployment, self._following, self._details = known.deployment, known.following, known.details
+        self._bringing = known.bringing
         requests = PlanRequests(turn)
         beat = self._beat = Beat(settings, turn, known)
         replanning = self._replanning = Replanning(settings, turn, claim, known, requests)
@@ -214,6 +218,7 @@ class ManagerCore:
             self._beat.leave_out()
             self._replanning.advance()
         self._details.end_of_step()
+        self._bringing.end_of_step()
         return self._turn.end()
 
     def next_deadline_ns(self) -> int | None:
@@ -228,7 +233,7 @@ class ManagerCore:
             other_ns = self._following.next_deadline_ns()
         else:
             due_ns = min(due_ns, self._beat.next_ns, self._deployment.next_deadline_ns())
-            due_ns = min(due_ns, self._details.next_ns)
+            due_ns = min(due_ns, self._details.next_ns, self._bringing.next_ns)
             other_ns = self._replanning.again_ns
         if other_ns is not None:
             due_ns = min(due_ns, other_ns)
@@ -260,6 +265,7 @@ class ManagerCore:
                 self._beat.beat()
             self._replanning.tick()
             self._details.tick()
+            self._bringing.tick()
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
         """Answer a question or execute an order of the operator; a manager that listens or stands by refuses orders."""

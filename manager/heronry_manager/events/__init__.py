@@ -53,6 +53,8 @@ from heronry_manager.events.epochs import (
     ScriptEnded,
     ScriptRefused,
     ScriptTaken,
+    TableBrought,
+    TableNotTaken,
     Times,
     UnknownEpoch,
 )
@@ -215,6 +217,8 @@ __all__ = [
     "Summary",
     "Suspicion",
     "SuspicionAssessed",
+    "TableBrought",
+    "TableNotTaken",
     "TakenOver",
     "Times",
     "UnknownElement",

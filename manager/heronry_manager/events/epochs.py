@@ -111,6 +111,23 @@ class AnotherTable(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class TableBrought(Event):
+    """The PE waited without a table, and has taken the one that this manager brought it over the bus."""
+
+    pe: str
+    bytes: int
+    took_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class TableNotTaken(Event):
+    """The PE waits without a table, and did not take the one that this manager brought; it is brought again."""
+
+    pe: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
 class Reconfigured(Event):
     """This epoch runs now."""
 

@@ -51,7 +51,6 @@ from heronry_manager.shell.plants import Plants
 from heronry_manager.shell.script_orders import ScriptSaid
 from heronry_wire.frame import Frame
 from heronry_wire.identification import REQUEST_ID
-from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
 from heronry_wire.protocol_times import GATHER_NS
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
 from heronry_wire.sansio import Received, Send, Tick
@@ -66,7 +65,7 @@ FILTERS = (
     {"can_id": 0x100, "can_mask": 0x7C0, "extended": False},  # 256..319
     {"can_id": 0x5C0, "can_mask": 0x7C0, "extended": False},  # SDO answers of nodes 64..127
     {"can_id": 0x640, "can_mask": 0x7C0, "extended": False},  # SDO requests to them
-    *({"can_id": heartbeat_id(node), "can_mask": 0x7FF, "extended": False} for node in MANAGER_NODES),
+    {"can_id": 0x740, "can_mask": 0x7C0, "extended": False},  # heartbeats of nodes 64..127
 )
 _BURSTS = 16  # bursts of frames taken in one turn, so that a flood cannot stop the timers
 

@@ -16,6 +16,7 @@ DESCRIBING = frozenset(("__init__", "events", "status", "vocabulary"))  # no dec
 WIRE = Path("dbc/heronry_wire")
 CODEC = (
     "authentication bus_health canaerospace canopen_objects capacities channel_merge channel_watch command_tags "
+    "compressed_table "
     "configuration_slice contingency_block controller element_places errors failure_text frame gateway_report "
     "identification identifiers layout management nmt node_services packing pe_table protocol_times "
     "protocol_version sansio sdo silence standard_identifiers state_frames thinning timing transmit_queue"

@@ -24,6 +24,7 @@ from heronry_tools.runtime.table_files import table_texts
 from heronry_wire.bus_arguments import flagged_bus
 from heronry_wire.bus_opening import open_bus
 from heronry_wire.canopen_objects import TABLE
+from heronry_wire.compressed_table import compressed
 from heronry_wire.key_file import read_key
 from heronry_wire.sdo import Abort
 
@@ -44,14 +45,14 @@ def run(arguments: argparse.Namespace) -> int:
         open_bus(flags).bus.shutdown()
 
     carried = contingencies_of(spec, arguments.contingencies, before_making=look_at_bus)
-    text = table_texts(spec, [pe], carried)[pe].encode()
+    content = compressed(table_texts(spec, [pe], carried)[pe])
     node = spec.pes[pe].node_id
     if key is None:
-        _send(flags, node, text)
+        _send(flags, node, content)
     else:
-        _send(flags, node, key.sealed(text), lambda: _unlock(arguments.socket, spec.name, pe))
-    told = {"pe": pe, "node": node, "bytes": len(text)}
-    print(json.dumps(told) if arguments.json else f"{pe}, node {node}, has its table: {len(text)} bytes")
+        _send(flags, node, key.sealed(content), lambda: _unlock(arguments.socket, spec.name, pe))
+    told = {"pe": pe, "node": node, "bytes": len(content)}
+    print(json.dumps(told) if arguments.json else f"{pe}, node {node}, has its table: {len(content)} bytes")
     return 0
 
 

@@ -92,6 +92,12 @@ _SENTENCES = dict(
         _says(events.PlanFailed, lambda e: f"no plan: {e.reason}; the configuration stays as it is", "bad"),
         _says(events.PeRefused, lambda e: f"{e.pe} cannot stage epoch {e.epoch}: {e.reason}", "bad"),
         _says(events.AnotherTable, lambda e: f"{e.pe} stages nothing: {e.why}", "bad"),
+        _says(
+            events.TableBrought,
+            lambda e: f"{e.pe} waited without a table, and was brought it: {e.bytes} bytes in {e.took_ns / 1e9:.1f} s",
+            "good",
+        ),
+        _says(events.TableNotTaken, lambda e: f"{e.pe} waits without a table: {e.why}; the table is sent again", "bad"),
         _says(events.SecondManager, lambda e: f"manager {e.node} is active, too", "bad"),
         _says(events.FaultCleared, lambda e: f"{e.element} counts as working again, cleared by {e.by}", "good"),
         _says(events.Suspicion, lambda e: f"{e.element} is suspected by a module on {e.by}: {e.evidence}", "quiet"),

@@ -19,7 +19,7 @@ from heronry_manager import events
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
-from heronry_manager.core.tables import ContingencyNumbers, on_board
+from heronry_manager.core.tables import Compiler, ContingencyNumbers, PeTables, on_board
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planning_policy import PlanningPolicy
@@ -70,7 +70,8 @@ def mastership(arguments: argparse.Namespace) -> int:
         else contingencies_of(spec, arguments.contingencies, lambda: open_bus().close())
     )
     table = None if made is None else ContingencyTable(spec, made)
-    numbers = None if made is None else ContingencyNumbers(spec, made, on_board(spec, made))
+    compiler, held = Compiler(spec), [] if made is None else on_board(spec, made)
+    numbers = None if made is None else ContingencyNumbers(spec, made, held)
     tell = surviving(print_event if arguments.json else screen(spec))
     link = open_bus()
     service = ServiceManager()
@@ -104,6 +105,8 @@ def mastership(arguments: argparse.Namespace) -> int:
                 standby=arguments.standby,
                 tells_departures=True,
                 reads_objects=True,
+                tables=PeTables(compiler, held).text,
+                compiler=compiler,
             )
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)
             planners = PlannerProcesses(policy, planner, start_pre_planner)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from heronry_dg.model import Spec
 from heronry_manager.contingency.contingencies import Contingencies
-from heronry_manager.core.tables import Compiler, loaded, on_board
+from heronry_manager.core.tables import Compiler, PeTables, on_board
 
 
 def write_tables(spec: Spec, pes: Iterable[str], folder: Path, made: Contingencies | None = None) -> dict[str, Path]:
@@ -26,10 +26,5 @@ def table_texts(spec: Spec, pes: Iterable[str], made: Contingencies | None) -> d
 
     made: the contingencies; each table gets as many of them as the PE has room for. None: no contingencies.
     """
-    compiler = Compiler(spec)
-    tables = {pe: compiler.table(pe) for pe in pes}
-    if made is not None:
-        for one in on_board(spec, made):
-            if one.pe in tables:
-                tables[one.pe] = loaded(tables[one.pe], one)
-    return {pe: table.to_json() for pe, table in tables.items()}
+    tables = PeTables(Compiler(spec), [] if made is None else on_board(spec, made))
+    return {pe: tables.text(pe) for pe in pes}

@@ -8,6 +8,7 @@
     report of a gateway    to `known_situation`; nothing proves it (`authenticity`)
     SDO answer of a PE     to `pe_details`, if the manager reads objects; nothing proves it, and no decision depends on
                            it
+    heartbeat, SDO answer  of a PE without a table: to `provisioning`, which brings the table; nothing proves either
     SDO request to a PE    (from another SDO client) to `pe_details`, which then reads nothing from that PE for a while
     request of any node    to identify the manager (CANaerospace): to `identification`, which answers it
 
@@ -58,6 +59,7 @@ class Inbound:
     ) -> None:
         self._is_advising, self._turn, self._claim = settings.advise, turn, claim
         self._situation, self._authenticity, self._details = known.situation, known.authenticity, known.details
+        self._bringing = known.bringing
         self._reports, self._reactions, self._succession = reports, reactions, succession
         self._identification = IdentificationService(settings.node)
         pes = settings.spec.pes.values()
@@ -82,6 +84,7 @@ class Inbound:
             or identifier == REQUEST_ID
             or identifier in self._node_of_sdo_id
             or identifier in self._node_of_sdo_request
+            or self._bringing.hears(identifier)
         )
 
     def take(self, frame: Frame) -> None:
@@ -97,12 +100,17 @@ class Inbound:
             self._reactions.take(self._situation.link_reported(frame))
         elif frame.can_id == REQUEST_ID:
             self._identification.asked(0, frame, self._turn.now_ns)
-        elif frame.can_id in self._node_of_sdo_id:
+        elif frame.can_id in self._manager_ids:
+            self._command(*self._manager_ids[frame.can_id], frame)
+        else:
+            self._bringing.take(frame)
+            self._sdo(frame)
+
+    def _sdo(self, frame: Frame) -> None:
+        if frame.can_id in self._node_of_sdo_id:
             self._details.heard(self._node_of_sdo_id[frame.can_id], frame.data)
         elif frame.can_id in self._node_of_sdo_request:
             self._details.heard_other(self._node_of_sdo_request[frame.can_id])
-        elif frame.can_id in self._manager_ids:
-            self._command(*self._manager_ids[frame.can_id], frame)
 
     @property
     def next_ns(self) -> int:

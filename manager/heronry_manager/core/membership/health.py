@@ -53,6 +53,8 @@ from heronry_wire.protocol_times import (
 )
 from heronry_wire.sansio import NEVER_NS
 
+_LONG_AGO_NS = -NEVER_NS
+
 
 class Change(Enum):
     """Kinds of changes of a PE's health that the manager notices."""
@@ -192,6 +194,11 @@ class Health:
     def is_available(self, pe: str) -> bool:
         """Tell whether a PE is UP or SUSPECT."""
         return self._records[pe].standing in (Standing.UP, Standing.SUSPECT)
+
+    def spoke_last_ns(self, pe: str) -> int:
+        """Give the time (ns) of the last state frame of a PE, proven or not; far in the past: it never sent one."""
+        record = self._records[pe]
+        return max(_LONG_AGO_NS if record.heard_ns is None else record.heard_ns, record.spoke_ns or _LONG_AGO_NS)
 
     def available(self) -> list[str]:
         """Return the PEs that are UP or SUSPECT, in the spec's order."""

@@ -12,6 +12,6 @@ The protocol: docs/protocol/growth.md and docs/protocol/reconfiguration.md.
 """
 
 from heronry_manager.core.tables.compilation import CompiledConfiguration, Compiler
-from heronry_manager.core.tables.contingency_numbers import ContingencyNumbers, loaded, on_board
+from heronry_manager.core.tables.contingency_numbers import ContingencyNumbers, PeTables, loaded, on_board
 
-__all__ = ["CompiledConfiguration", "Compiler", "ContingencyNumbers", "loaded", "on_board"]
+__all__ = ["CompiledConfiguration", "Compiler", "ContingencyNumbers", "PeTables", "loaded", "on_board"]

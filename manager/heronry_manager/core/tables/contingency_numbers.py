@@ -82,6 +82,19 @@ def loaded(table: PeTable, one: OnBoard) -> PeTable:
     return replace(table, contingencies=b64encode(one.block).decode())
 
 
+class PeTables:
+    """Gives the text of each PE's table, with the contingencies that it holds on board."""
+
+    def __init__(self, compiler: Compiler, held: Iterable[OnBoard]) -> None:
+        """Take the compiler of a spec, and what the PEs hold; `held` has no entry for a PE without contingencies."""
+        self._compiler, self._held = compiler, {one.pe: one for one in held}
+
+    def text(self, pe: str) -> str:
+        """Give the text of a PE's table."""
+        table = self._compiler.table(pe)
+        return (loaded(table, self._held[pe]) if pe in self._held else table).to_json()
+
+
 def _filled(pe: str, slices: Sequence[Preloaded], room: int) -> OnBoard:
     """Encode as many slices, from the first on, as fit into `room` bytes."""
     fits, too_many = 0, len(slices) + 1

@@ -20,7 +20,7 @@ from functools import cache, partial
 from heronry_agent.core.authority import Authenticity, FollowedManager
 from heronry_agent.core.canopen.network_management import NetworkManagement
 from heronry_agent.core.canopen.node_services import NodeServices
-from heronry_agent.core.canopen.object_dictionary import ObjectDictionary
+from heronry_agent.core.canopen.object_dictionary import MOST_BYTES, ObjectDictionary
 from heronry_agent.core.configuration import ActiveConfiguration
 from heronry_agent.core.modules import RunningModules
 from heronry_agent.core.reports import Facts
@@ -47,8 +47,10 @@ from heronry_wire.canopen_objects import (
     TABLE,
     TIME,
 )
+from heronry_wire.compressed_table import table_bytes
 from heronry_wire.eds import eds_text
 from heronry_wire.management import NO_EPOCH
+from heronry_wire.pe_table import TableError
 from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.sdo import Abort
 from heronry_wire.state_frames import PeFlags
@@ -174,9 +176,14 @@ class PeObjects:
 
     def _take_table(self, written: bytes) -> Abort | None:
         authenticity = self._parts.authenticity
-        text = written if authenticity is None else authenticity.opened(written)
-        if text is None:
+        content = written if authenticity is None else authenticity.opened(written)
+        if content is None:
             self._parts.turn.note("table", "a table is refused: it is not sealed with the key of this fleet")
+            return Abort.VALUE
+        try:
+            text = table_bytes(content, MOST_BYTES)
+        except TableError as error:
+            self._parts.turn.note("table", f"a table is refused: {error}")
             return Abort.VALUE
         if text.strip() == self._table():
             return None

@@ -1,0 +1,73 @@
+"""Agents that are started with nothing but a node-ID and a bus fly, and so does a blank one in the place of another."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.events import PeJoined, PeLost, Reconfigured, TableBrought
+from heronry_tools.runtime.softbus.starter import start_hub
+from live.told_events import next_event
+
+pytestmark = pytest.mark.live
+PATIENCE_S = 60
+SPEC = "elevator_and_chute"
+NODES = {pe.name: pe.node_id for pe in load(shipped_spec_path(SPEC)).pes.values()}
+
+
+class Nodes:
+    """The processes on a software bus."""
+
+    def __init__(self, bus: Path) -> None:
+        self.bus = ["-i", "softbus", "-c", str(bus)]
+        self.running: list[subprocess.Popen[str]] = []
+
+    def start(self, *words: str) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-m", *words, *self.bus, "--until-eof"]
+        self.running.append(
+            subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        )
+        return self.running[-1]
+
+    def blank(self, pe: str) -> "subprocess.Popen[str]":
+        return self.start("heronry_agent", "--simulated", "--node", str(NODES[pe]))
+
+    def end(self) -> None:
+        for process in self.running:
+            process.send_signal(signal.SIGTERM)
+        for process in self.running:
+            process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture
+def nodes(tmp_path: Path) -> Iterator[Nodes]:
+    with start_hub(tmp_path / "can0.sock", 1_000_000) as hub:
+        nodes = Nodes(hub.path)
+        try:
+            yield nodes
+        finally:
+            nodes.end()
+
+
+def test_blank_nodes_fly_and_one_is_replaced_in_flight(nodes: Nodes, tmp_path: Path) -> None:
+    agents = {pe: nodes.blank(pe) for pe in NODES}
+    manager = nodes.start(
+        "heronry_tools.cli", "manager", SPEC, "--json", "--contingencies", "none", "--state-dir", str(tmp_path),
+        "--socket", str(tmp_path / "manager.sock"),
+    )  # fmt: skip
+    assert manager.stdout is not None
+    brought = [next_event(manager.stdout, TableBrought).pe for _ in NODES]
+    assert sorted(brought) == sorted(NODES)
+    next_event(manager.stdout, PeJoined, pe=brought[-1])
+    next_event(manager.stdout, Reconfigured)
+    agents["tail_pe"].kill()
+    next_event(manager.stdout, PeLost, pe="tail_pe")
+    nodes.blank("tail_pe")
+    next_event(manager.stdout, TableBrought, pe="tail_pe")
+    next_event(manager.stdout, PeJoined, pe="tail_pe")
+    next_event(manager.stdout, Reconfigured)

@@ -1,0 +1,269 @@
+"""A manager brings a waiting PE its table: both cores, and every message between them lost, doubled, late or damaged.
+
+What must hold whatever happens: the PE has no table or exactly its own; in the end it has it; the other PEs
+stay available.
+"""
+
+from collections.abc import Callable
+from heapq import heappop, heappush
+from itertools import count
+
+import pytest
+
+from heronry_agent.core.vocabulary import Note
+from heronry_agent.shell.table_waiting import WaitingCore
+from heronry_manager import events
+from heronry_manager.core.provisioning.table_bringing import FORGOTTEN_NS
+from heronry_manager.core.tables import Compiler, PeTables
+from heronry_wire.canopen_objects import TABLE
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.sdo import Abort, abort_message
+from manager.one_manager import MS, OneManager, two_tails
+from thoroughness import IS_WHOLE
+
+PE, NODE = "right", 94
+SPEC = two_tails()
+OWN = PeTable.from_json(PeTables(Compiler(SPEC), ()).text(PE))
+ON_THE_WAY_NS = MS
+LONGEST_NS = 12_000 * MS
+
+Change = Callable[[bytes], list[tuple[int, bytes]]]
+"""What becomes of a message: how much later each copy comes, and its bytes."""
+
+CHANGES: dict[str, Change] = {
+    "lost": lambda _data: [],
+    "doubled": lambda data: [(0, data), (0, data)],
+    "late": lambda data: [(200 * MS, data)],
+    "very late": lambda data: [(1_500 * MS, data)],
+    "damaged": lambda data: [(0, bytes((*data[:-1], data[-1] ^ 1)))],
+    "replaced by an abort": lambda _data: [(0, abort_message(TABLE, 0, Abort.TIME_OUT))],
+}
+
+
+class Flight:
+    """Two PEs that are available, one that waits, and their manager.
+
+    change: what becomes of message number `at` between manager and waiting PE; None: nothing.
+    """
+
+    def __init__(self, change: Change | None = None, at: int = -1) -> None:
+        self.manager = OneManager(brings_tables=True)
+        self.manager.start(fly=False)
+        self.manager.die(PE)
+        self.manager.pass_time(1_200 * MS)
+        self.change, self.at, self.messages = change, at, 0
+        self.on_the_way: list[tuple[int, int, Frame]] = []
+        self.order = count()
+        self.notes: list[str] = []
+        self.sent = len(self.manager.frames)
+        self.restart_pe()
+
+    def restart_pe(self) -> None:
+        self.pe = WaitingCore(NODE, 1_000_000, self.manager.now_ns)
+
+    def fly(self, until: Callable[[], bool], longest_ns: int = LONGEST_NS) -> bool:
+        """Fly until something holds; tells whether it came to hold."""
+        end_ns = self.manager.now_ns + longest_ns
+        while not until():
+            if self.manager.now_ns >= end_ns:
+                return False
+            self._step(end_ns)
+        return True
+
+    def _step(self, end_ns: int) -> None:
+        manager, now_ns = self.manager, self.manager.now_ns
+        dues = [self.pe.next_deadline_ns(), manager.core.next_deadline_ns() or end_ns, end_ns]
+        dues += [self.on_the_way[0][0]] if self.on_the_way else []
+        manager.pass_time(max(1, min(dues) + 1 - now_ns))
+        self._collect()
+        while self.on_the_way and self.on_the_way[0][0] <= manager.now_ns:
+            frame = heappop(self.on_the_way)[2]
+            if frame.can_id == sdo_request_id(NODE):
+                self._do(self.pe.step(manager.now_ns, Received(0, frame)))
+            else:
+                manager.hear(frame)
+                self._collect()
+        if self.pe.next_deadline_ns() <= manager.now_ns:
+            self._do(self.pe.step(manager.now_ns, Tick()))
+        assert self.pe.table in (None, OWN)
+
+    def _do(self, actions: list[object]) -> None:
+        self.notes += [action.text for action in actions if isinstance(action, Note)]
+        for action in actions:
+            if isinstance(action, Send):
+                self._pass_on(action.frame)
+
+    def _collect(self) -> None:
+        new, self.sent = self.manager.frames[self.sent :], len(self.manager.frames)
+        for frame in new:
+            if frame.can_id == sdo_request_id(NODE):
+                self._pass_on(frame)
+
+    def _pass_on(self, frame: Frame) -> None:
+        """Put a frame on its way; only SDO is counted and changed."""
+        copies = [(0, frame.data)]
+        if frame.can_id in (sdo_request_id(NODE), sdo_response_id(NODE)):
+            if self.messages == self.at and self.change is not None:
+                copies = self.change(frame.data)
+            self.messages += 1
+        for later_ns, data in copies:
+            at_ns = self.manager.now_ns + ON_THE_WAY_NS + later_ns
+            heappush(self.on_the_way, (at_ns, next(self.order), Frame(frame.can_id, data)))
+
+    def has_table(self) -> bool:
+        return self.pe.table is not None
+
+    def judge(self) -> None:
+        """The PE gets its table, and no other PE is lost."""
+        assert self.fly(self.has_table), self.notes
+        assert self.pe.table == OWN
+        assert [one.pe for one in self.manager.of(events.PeLost)] == [PE]
+
+
+def messages_of_a_transfer() -> int:
+    flight = Flight()
+    flight.judge()
+    assert flight.fly(lambda: bool(flight.manager.of(events.TableBrought)))
+    return flight.messages
+
+
+MESSAGES = messages_of_a_transfer()
+
+
+def test_a_waiting_pe_is_brought_its_table_in_a_tenth_of_the_bus() -> None:
+    flight = Flight()
+    flight.judge()
+    assert flight.fly(lambda: bool(flight.manager.of(events.TableBrought)))
+    (told,) = flight.manager.of(events.TableBrought)
+    assert told.pe == PE
+    assert told.took_ns >= told.bytes // 7 * 10 * 135_000  # one frame of 135 bits in ten, at 1 Mbit/s
+    assert flight.notes == ["PE right of two_tails"]
+    assert not flight.manager.of(events.TableNotTaken)
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_whatever_becomes_of_a_message_the_pe_gets_its_whole_table_or_none_yet(name: str) -> None:
+    few = (0, 1, 2, MESSAGES // 2, *range(MESSAGES - 4, MESSAGES))
+    for at in range(MESSAGES) if IS_WHOLE else few:
+        Flight(CHANGES[name], at).judge()
+
+
+@pytest.mark.parametrize("at", [0, 1, MESSAGES // 2, MESSAGES - 2, MESSAGES - 1])
+def test_a_pe_that_restarts_during_the_transfer_is_brought_the_table_anew(at: int) -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > at)
+    flight.restart_pe()
+    flight.judge()
+
+
+def test_another_client_goes_first_and_nothing_is_told_of_it() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > MESSAGES // 2)
+    flight.manager.hear(Frame(sdo_request_id(NODE), bytes(8)))
+    before = flight.sent
+    assert not flight.fly(lambda: False, 1_900 * MS)
+    assert not [one for one in flight.manager.frames[before:] if one.can_id == sdo_request_id(NODE)]
+    flight.judge()
+    assert not flight.manager.of(events.TableNotTaken)
+
+
+def waits(manager: OneManager, state: bytes = b"\x7f") -> list[Frame]:
+    """Let a PE send a heartbeat; gives what the manager asks of it in the next seconds."""
+    before = len(manager.frames)
+    manager.hear(Frame(heartbeat_id(NODE), state))
+    manager.pass_time(100 * MS)
+    return [one for one in manager.frames[before:] if one.can_id == sdo_request_id(NODE)]
+
+
+def test_only_a_pe_that_waits_is_brought_a_table() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start()
+    assert not waits(manager)  # it flies
+    manager.die(PE)
+    manager.pass_time(500 * MS)
+    assert not waits(manager)  # its modules may not be free yet
+    manager.pass_time(1_000 * MS)
+    assert not waits(manager, b"\x05")
+    assert not waits(manager, b"")
+    assert len(waits(manager)) == 1
+    other = OneManager()
+    other.start(fly=False)
+    other.die(PE)
+    other.pass_time(1_500 * MS)
+    assert not other.core.hears(heartbeat_id(NODE))
+    assert not waits(other)
+
+
+def test_a_pe_that_does_not_answer_is_asked_less_and_less_and_told_once() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start(fly=False)
+    manager.die(PE)
+    manager.pass_time(1_500 * MS)
+    asked = 0
+    for _ in range(60):
+        asked += len(waits(manager))
+        manager.pass_time(900 * MS)
+    assert 4 <= asked <= 7
+    (told,) = manager.of(events.TableNotTaken)
+    assert (told.pe, told.why) == (PE, "it did not answer")
+
+
+def test_a_pe_that_is_not_heard_any_more_is_forgotten() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start(fly=False)
+    manager.die(PE)
+    manager.pass_time(1_500 * MS)
+    for _ in range(3):
+        waits(manager)
+        manager.pass_time(1_100 * MS)
+    before = len(manager.frames)
+    manager.pass_time(2 * FORGOTTEN_NS)
+    assert len([one for one in manager.frames[before:] if one.can_id == sdo_request_id(NODE)]) <= 1
+
+
+def test_a_manager_that_falls_silent_forgets_the_transfer() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > MESSAGES // 2)
+    for pe in list(flight.manager.running):
+        flight.manager.die(pe)
+    flight.manager.pass_time(3_000 * MS)
+    assert not flight.manager.core.is_active
+    assert not waits(flight.manager)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"\xff" * 8,
+        b"\xa4\x20\x20\x00\x00\x00\x00\x00",  # blocks of no segment
+        b"\xa2\x05\x20\x00\x00\x00\x00\x00",  # an acknowledgement before the transfer is open
+        abort_message(TABLE, 0, Abort.VALUE),
+        abort_message(TABLE, 0, Abort.DEVICE_STATE),
+    ],
+)
+def test_an_answer_that_does_not_fit_ends_the_transfer_and_is_told(answer: bytes) -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start(fly=False)
+    manager.die(PE)
+    manager.pass_time(1_500 * MS)
+    assert waits(manager)
+    manager.hear(Frame(sdo_response_id(NODE), answer))
+    assert len(manager.of(events.TableNotTaken)) == 1
+
+
+def test_a_pe_that_receives_nothing_is_given_up() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start(fly=False)
+    manager.die(PE)
+    manager.pass_time(1_500 * MS)
+    assert waits(manager)
+    manager.hear(Frame(sdo_response_id(NODE), b"\xa4\x20\x20\x00\x04\x00\x00\x00"))
+    for _ in range(4):
+        manager.pass_time(50 * MS)
+        manager.hear(Frame(sdo_response_id(NODE), b"\xa2\x00\x04\x00\x00\x00\x00\x00"))
+    (told,) = manager.of(events.TableNotTaken)
+    assert told.why == "it received nothing"
