@@ -19,7 +19,7 @@ A nonce is *plausible* if its last 16 bits are the tag of its other bits and its
 nonces. So a nonce that an attacker invents costs the manager nothing, and delays no answer to a PE. A recorded nonce is
 plausible, but of no use: a PE accepts only the answer to the nonce that it has sent last.
 
-A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table. This tag is not cut, because a
+A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table, compressed or not. This tag is not cut, because a
 table is long and decides which code runs. The text of a table names the node and the spec, and holds no nonce. So a
 recorded table can be sent again, but only to that node, and only while the node waits for a table and a manager has
 unlocked the node (operation UNLOCK of CONTROL).

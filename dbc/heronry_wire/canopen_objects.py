@@ -263,7 +263,15 @@ OBJECTS: tuple[Entry, ...] = (
         MODULE_FAILURES, "Module failure", _TEXT, "why the module failed last, in one line; kept until a restart"
     ),
     _per_module(MODULE_TRACEBACKS, "Module traceback", Type.DOMAIN, "of that failure, as text; its last 2000 bytes"),
-    _var(TABLE, Variable("Table of this PE", Type.DOMAIN, _RW, meaning="JSON text, as `heronry table` writes it")),
+    _var(
+        TABLE,
+        Variable(
+            "Table of this PE",
+            Type.DOMAIN,
+            _RW,
+            meaning="JSON text, as `heronry table` writes it; when written, also compressed by zlib",
+        ),
+    ),
     Entry(
         COUNTERS,
         "Counters",

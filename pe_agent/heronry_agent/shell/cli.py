@@ -56,7 +56,7 @@ examples:
   pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
   pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  executes only commands tagged with the key
   pe-agent --table nav.table -i socketcan -c can0,can1             a replicated bus: both its channels
-  pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' sends its table
+  pe-agent --node 92 -i socketcan -c can0                          waits until the manager brings its table
   pe-agent --node 92 -i socketcan -c can0 --key fleet.key          the same, and takes only a table sealed with the key
 
 'heronry table SPEC PE' writes the table. The flags below are python-can's own and name the bus toward the manager;
@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
         "--node",
         type=_node,
         metavar="ID",
-        help="start without a table, with this node-ID (92 to 125), and wait for a table from 'heronry send-table'",
+        help="start without a table, with this node-ID (92 to 125), and wait for a table from the manager or 'heronry send-table'",
     )
     parser.add_argument(
         "--bus",
