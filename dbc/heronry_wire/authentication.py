@@ -19,10 +19,10 @@ A nonce is *plausible* if its last 16 bits are the tag of its other bits and its
 nonces. So a nonce that an attacker invents costs the manager nothing, and delays no answer to a PE. A recorded nonce is
 plausible, but of no use: a PE accepts only the answer to the nonce that it has sent last.
 
-A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table, compressed or not. This tag is not cut, because a
-table is long and decides which code runs. The text of a table names the node and the spec, and holds no nonce. So a
-recorded table can be sent again, but only to that node, and only while the node waits for a table and a manager has
-unlocked the node (operation UNLOCK of CONTROL).
+A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table, compressed or not. This tag is
+not cut, because a table is long and decides which code runs. The text of a table names the node and the spec, and holds
+no nonce. So a recorded table can be sent again, but only to that node, and only while the node waits for a table and a
+manager has unlocked the node (operation UNLOCK of CONTROL).
 
 One key serves the whole fleet, because a command is for all nodes and has room for only one tag. So an attacker who
 takes over one node has the key. A key is never printed. Messages show its fingerprint, by which two keys can be told

@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
         "--node",
         type=_node,
         metavar="ID",
-        help="start without a table, with this node-ID (92 to 125), and wait for a table from the manager or 'heronry send-table'",
+        help="start without a table, with this node-ID (92 to 125), and wait until the manager brings its table",
     )
     parser.add_argument(
         "--bus",

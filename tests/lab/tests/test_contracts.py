@@ -40,6 +40,7 @@ INSIDE_A_ROOM_OF_THE_MANAGER = {
     "mastership": "claim",
     "membership": "health",
     "planning": "requests",
+    "provisioning": "table_bringing",
     "reports": "manager_status",
     "situation": "known_situation",
     "tables": "compilation",
