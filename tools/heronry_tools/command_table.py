@@ -78,6 +78,8 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("priority", "the operator's order: another priority of a function", "operator"),
         Command("fail", "the operator's order: plan without an element", "operator"),
         Command("clear", "the operator's order: an element works again", "operator"),
+        Command("retire", "the operator's order: what runs on an element moves first", "operator"),
+        Command("restore", "the operator's order: a retired element is used again", "operator"),
         Command("unlock", "the operator's order: CANopen tools may write to a PE", "operator"),
     ),
     "watch": (

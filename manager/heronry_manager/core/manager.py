@@ -290,8 +290,8 @@ class ManagerCore:
             return Reply(number, done=False, sentence=f"{why}, so nothing is commanded: {remedy}")
         outcome = self._orders.accept(order)
         self._reactions.take(outcome.changes)
-        if outcome.command is not None:
-            self._turn.send(Command.CONTROL, outcome.command)
+        for command in outcome.commands:
+            self._turn.send(Command.CONTROL, command)
         self._beat.look()
         return Reply(number, outcome.done, outcome.sentence, is_unusable=outcome.is_unusable)
 

@@ -146,6 +146,20 @@ class ClearElement:
 
 
 @dataclass(frozen=True, slots=True)
+class RetireElement:
+    """The operator takes an element out of service: what runs there moves first."""
+
+    element: str
+
+
+@dataclass(frozen=True, slots=True)
+class RestoreElement:
+    """The operator takes an element back into service."""
+
+    element: str
+
+
+@dataclass(frozen=True, slots=True)
 class UnlockPe:
     """The operator unlocks a PE (`pe:NAME`) for a while, for the NMT commands and SDO writes of other tools."""
 
@@ -173,7 +187,17 @@ class AskStatus:
     """The operator requests the status."""
 
 
-OrderToExecute = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyTarget | ReleaseTarget
+OrderToExecute = (
+    EnterPhase
+    | SetPriority
+    | FailElement
+    | ClearElement
+    | RetireElement
+    | RestoreElement
+    | UnlockPe
+    | FlyTarget
+    | ReleaseTarget
+)
 Order = OrderToExecute | AskStatus | AskTraceback
 
 

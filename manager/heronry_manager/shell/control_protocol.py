@@ -6,6 +6,7 @@
     {"v": 1, "do": "fail", "what": "pe:nav"}        {"v": 1, "done": false, "sentence": "no PE is named 'nav'; ...",
                                                      "unusable": true}      what the order names is not in the spec
     {"v": 1, "do": "clear", "what": "device:gps"}
+    {"v": 1, "do": "retire", "what": "pe:nav"}                      "restore" takes the element back
     {"v": 1, "do": "unlock", "what": "pe:nav"}
     {"v": 1, "do": "traceback", "what": "module:autopilot"}     {"v": 1, "done": true, "sentence": "Traceback ..."}
     {"v": 1, "do": "script", "what": "Guav.PruneEdges ();"}         the text of a script of component graphs
@@ -28,6 +29,8 @@ from heronry_manager.core.vocabulary import (
     EnterPhase,
     FailElement,
     ReleaseTarget,
+    RestoreElement,
+    RetireElement,
     SetPriority,
     UnlockPe,
 )
@@ -52,13 +55,16 @@ class Follow:
 
 
 Question = AskStatus | AskTraceback
-Spoken = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question
+OfElement = FailElement | ClearElement | RetireElement | RestoreElement | UnlockPe
+Spoken = EnterPhase | SetPriority | OfElement | FlyScript | ReleaseTarget | Question
 """The orders and questions that a request can hold: those of the core, except that a script is text (`FlyScript`)."""
 
-_WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | FlyScript | AskTraceback]] = {
+_WITH_WHAT: Mapping[str, type[EnterPhase | OfElement | FlyScript | AskTraceback]] = {
     "phase": EnterPhase,
     "fail": FailElement,
     "clear": ClearElement,
+    "retire": RetireElement,
+    "restore": RestoreElement,
     "unlock": UnlockPe,
     "traceback": AskTraceback,
     "script": FlyScript,
@@ -91,6 +97,10 @@ def order_line(order: Spoken | Follow) -> bytes:
             return _line({"v": VERSION, "do": "fail", "what": element})
         case ClearElement(element):
             return _line({"v": VERSION, "do": "clear", "what": element})
+        case RetireElement(element):
+            return _line({"v": VERSION, "do": "retire", "what": element})
+        case RestoreElement(element):
+            return _line({"v": VERSION, "do": "restore", "what": element})
         case UnlockPe(element):
             return _line({"v": VERSION, "do": "unlock", "what": element})
         case AskTraceback(element):

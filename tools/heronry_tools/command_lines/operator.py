@@ -33,6 +33,18 @@ examples:
   heronry clear device:gps             a fault that was reported, or set with 'heronry fail', is over
   heronry clear pe:nav                 the PE may come back now: its quarantine is over
 """
+_RETIRE_EPILOG = """\
+examples:
+  heronry retire pe:nav                its modules move to other PEs, with the best plan; then it may be switched off
+  heronry retire device:gps            the same for a device, a module, a module's place, or a bus
+
+Unlike 'heronry fail' the element still works: what runs there runs on until the best plan without it has come. A PE
+that connects others with the manager is retired after them.
+"""
+_RESTORE_EPILOG = """\
+examples:
+  heronry restore pe:nav               plans use the PE again, as soon as it is there
+"""
 _UNLOCK_EPILOG = """\
 examples:
   heronry unlock pe:nav                CANopen tools may write to the PE for half a minute; see docs/canopen.md
@@ -65,6 +77,8 @@ def add_parsers(subparsers: Any) -> None:
     for name, sentence, epilog in (
         ("fail", "plan without an element, whatever is heard of it", _FAIL_EPILOG),
         ("clear", "count an element as working again", _CLEAR_EPILOG),
+        ("retire", "take an element out of service: what runs there moves first", _RETIRE_EPILOG),
+        ("restore", "take an element back into service after 'heronry retire'", _RESTORE_EPILOG),
         ("traceback", "show the traceback of a module's last failure", _TRACEBACK_EPILOG),
         ("unlock", "let CANopen tools write to a PE for half a minute", _UNLOCK_EPILOG),
     ):

@@ -1,4 +1,4 @@
-"""`heronry status`, `traceback`, `phase`, `priority`, `fail`, `clear`, `unlock`: orders to a local manager."""
+"""`heronry status`, `traceback`, `phase`, `priority`, `fail`, `clear`, `retire`, `unlock`: orders to a local manager."""
 
 import argparse
 import json
@@ -9,10 +9,13 @@ from heronry_manager.core.vocabulary import (
     ClearElement,
     EnterPhase,
     FailElement,
+    RestoreElement,
+    RetireElement,
     SetPriority,
     UnlockPe,
 )
 from heronry_manager.shell.control_client import call
+from heronry_manager.shell.control_protocol import OfElement
 from heronry_tools.console.manager_calls import manager_socket, say_answer
 from heronry_tools.reports.status import report
 from heronry_tools.reports.troubles import troubles
@@ -25,10 +28,12 @@ def run(arguments: argparse.Namespace) -> int:
         status = call(path, AskStatus()).status or {}
         print(json.dumps(status, indent=2) if arguments.json else "\n".join(report(status)))
         return 1 if arguments.exit_code and any(troubles(status)) else 0
-    orders: dict[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | AskTraceback]] = {
+    orders: dict[str, type[EnterPhase | OfElement | AskTraceback]] = {
         "phase": EnterPhase,
         "fail": FailElement,
         "clear": ClearElement,
+        "retire": RetireElement,
+        "restore": RestoreElement,
         "unlock": UnlockPe,
         "traceback": AskTraceback,
     }

@@ -10,6 +10,10 @@
                      PE that was failed may join again after the shortest hold-down. The manager sends CONTROL, CLEAR to
                      every PE, so that a PE immediately reports a fault that persists. If that frame is lost, the fault
                      is reported a second later, and a standby manager learns of the clearing some beats later
+    retire ELEMENT   the element goes out of service, while it still works (`retirement`): the best plan without it is made
+                     while what runs runs on, and then its modules move. An order during a reconfiguration is refused,
+                     as is one to retire a gateway before the PEs behind it
+    restore ELEMENT  the element is taken back into service: each fault on it ends that no PE has reported
     script           run another configuration, which a script makes of the running one (`held_script`). A script is
                      refused during a reconfiguration, while another script waits, or if its configuration is not legal
     release          end the script that the operator has ordered, whether it runs already or not
@@ -31,10 +35,20 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_function, checked_phase, module_of
 from heronry_dg.verify import verify
+from heronry_manager.core.intake.retirement import connected_by, parts_of
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.planning import PlanRequests
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.situation import OPERATOR_CODE, Changes, LatchedFault, TargetOrdered, TargetReleased
+from heronry_manager.core.situation import (
+    HELD_CODE,
+    OPERATOR_CODE,
+    Changes,
+    LatchedFault,
+    PlanInTime,
+    PlanNeeded,
+    TargetOrdered,
+    TargetReleased,
+)
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import (
     ClearElement,
@@ -43,6 +57,8 @@ from heronry_manager.core.vocabulary import (
     FlyTarget,
     OrderToExecute,
     ReleaseTarget,
+    RestoreElement,
+    RetireElement,
     SetPriority,
     UnlockPe,
 )
@@ -60,13 +76,13 @@ class Outcome:
 
     done: False if the order was refused.
     changes: the changes of the situation that follow.
-    command: the CONTROL to send to the PEs; None: no command.
+    commands: each CONTROL to send to the PEs.
     """
 
     done: bool
     sentence: str
     changes: Changes = ()
-    command: Control | None = None  # to the PEs
+    commands: tuple[Control, ...] = ()  # to the PEs
     is_unusable: bool = False  # the order names what the spec does not have
 
 
@@ -102,6 +118,10 @@ class OperatorOrders:
                     return self._fail(checked_element(self._spec, element))
                 case ClearElement(element):
                     return self._clear(checked_element(self._spec, element))
+                case RetireElement(element):
+                    return self._retire(checked_element(self._spec, element))
+                case RestoreElement(element):
+                    return self._restore(checked_element(self._spec, element))
                 case FlyTarget(target, problem):
                     return self._fly(target, problem)
                 case ReleaseTarget():
@@ -134,21 +154,65 @@ class OperatorOrders:
             return Outcome(True, f"the priority of {function} is {word} already")
         told = Control(self._turn.term, _ALL_NODES, *self._situation.priority_fact(function))
         follows = self._what_follows("a plan for it is on its way")
-        return Outcome(True, f"the priority of {function} is {word} from now on; {follows}", changes, told)
+        return Outcome(True, f"the priority of {function} is {word} from now on; {follows}", changes, (told,))
 
     def _fail(self, element: str) -> Outcome:
-        situation = self._situation
-        if element == situation.own_bus:
-            why = f"{element} carries this manager's commands, and a plan without it would stop everything"
-            return Outcome(False, f"{why}: name what has failed on it")
-        if element.startswith("channel:"):
-            why = f"{element} is one of several channels with the same frames, so no plan would change"
-            return Outcome(False, f"{why}: name the bus if all of them have failed")
+        situation, reason = self._situation, self._why_no_plan(element)
+        if reason is not None:
+            return Outcome(False, reason)
         if situation.is_failed(element):
             return Outcome(True, f"{element} counts as failed already")
         changes = situation.latch(LatchedFault(element, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
         follows = self._what_follows("a plan without it is on its way")
         return Outcome(True, f"{element} counts as failed until it is cleared; {follows}", changes)
+
+    def _why_no_plan(self, element: str) -> str | None:
+        """Say why there can be no plan without an element; None: there can be one."""
+        if element == self._situation.own_bus:
+            why = f"{element} carries this manager's commands, and a plan without it would stop everything"
+            return f"{why}: name what has failed on it"
+        if element.startswith("channel:"):
+            why = f"{element} is one of several channels with the same frames, so no plan would change"
+            return f"{why}: name the bus if all of them have failed"
+        return None
+
+    def _retire(self, element: str) -> Outcome:
+        parts = [one for one in parts_of(self._spec, element) if not self._situation.is_failed(one)]
+        reason = self._why_no_plan(element) or self._why_needed(element)
+        if reason is None and parts and not self._turn.silent:
+            reason = self._why_not_now()
+        if reason is not None:
+            return Outcome(False, f"{element} stays in service: {reason}")
+        if not parts:
+            return Outcome(True, f"{element} is out of service already: nothing is planned there")
+        for one in parts:
+            self._situation.latch(LatchedFault(one, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
+        then = f"switch it off when 'heronry status' shows that nothing runs there; 'heronry restore {element}' ends this"
+        follows = self._what_follows(f"a plan without it is on its way: {then}")
+        return Outcome(True, f"{element} is retired; {follows}", (PlanInTime(f"{element} retired by {OPERATOR}"),))
+
+    def _why_needed(self, element: str) -> str | None:
+        """Say which PEs are in service that only this element connects with the manager; None: there are none."""
+        behind = [
+            f"pe:{pe}"
+            for pe in connected_by(self._spec, element)
+            if not self._situation.is_failed(f"pe:{pe}")
+            and not all(map(self._situation.is_failed, parts_of(self._spec, f"pe:{pe}")))
+        ]
+        return f"it alone connects {', '.join(behind)} with the manager: retire these first" if behind else None
+
+    def _restore(self, element: str) -> Outcome:
+        told = {fault.element: fault.code for fault in self._situation.failed.all()}
+        parts = [one for one in parts_of(self._spec, element) if told.get(one) in (OPERATOR_CODE, HELD_CODE)]
+        for one in parts:
+            self._situation.clear(one, OPERATOR)
+        if not parts:
+            return Outcome(False, f"{element} is not retired: 'heronry clear' ends a fault that was reported")
+        fields = filter(None, map(self._situation.field, parts))
+        commands = tuple(Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *field) for field in fields)
+        cause = PlanNeeded(f"{element} restored by {OPERATOR}")
+        follows = self._what_follows("a plan with it is on its way")
+        return Outcome(True, f"{element} is in service again; {follows}", (cause,), commands)
 
     def _clear(self, element: str) -> Outcome:
         changes = self._situation.clear(element, OPERATOR)
@@ -159,7 +223,7 @@ class OperatorOrders:
             hint = everywhere or "see 'heronry status'"
             return Outcome(False, f"no fault is latched on {element}, and it is not in quarantine: {hint}")
         named = self._situation.field(element)
-        told = None if named is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *named)
+        told = () if named is None else (Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *named),)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
         follows = everywhere or self._what_follows(waits)
         return Outcome(True, f"{element} no longer counts as failed; {follows}", changes, told)
@@ -210,4 +274,4 @@ class OperatorOrders:
         if self._turn.silent:
             return Outcome(False, _ONLY_ADVISES)
         told = Control(self._turn.term, pe.node_id, Operation.UNLOCK, UNLOCK_S)
-        return Outcome(True, f"{element} is unlocked for NMT commands and SDO writes, for {UNLOCK_S} s", command=told)
+        return Outcome(True, f"{element} is unlocked for NMT commands and SDO writes, for {UNLOCK_S} s", commands=(told,))

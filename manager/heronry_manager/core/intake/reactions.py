@@ -32,6 +32,7 @@ from heronry_manager.core.situation import (
     LimitChanged,
     ModuleReleased,
     PeSuspected,
+    PlanInTime,
     PlanNeeded,
     SituationChange,
     TargetOrdered,
@@ -57,6 +58,8 @@ class Reactions:
                     self._take_health(change)
                 case PlanNeeded():
                     self._replanning.need(change)
+                case PlanInTime():
+                    self._replanning.need_in_time(change)
                 case PeSuspected(pe):
                     self._beat.ping(pe)
                 case LimitChanged():

@@ -41,7 +41,7 @@ from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.planning.requests import PlanRequests
 from heronry_manager.core.planning.storms import Storms
 from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.situation import LimitChanged, PlanNeeded
+from heronry_manager.core.situation import LimitChanged, PlanInTime, PlanNeeded
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, Settled
 
@@ -82,6 +82,21 @@ class Replanning:
         self._deployment.abandon(change.cause)
         if self._claim.state is not Mastership.LISTENING and not self._health.starting():
             self.request()
+
+    def need_in_time(self, change: PlanInTime) -> None:
+        """Request the best plan, while what runs runs on; where there is no time for that, as `need`.
+
+        So nothing that the best plan keeps is lost in between, as it might be with an immediate plan. If the situation
+        changes before the plan has come, an immediate plan is requested.
+        """
+        running = self._deployment.running
+        if self._settings.advise or running is None or self._deployment.is_held() or self._requests.gathered:
+            self.need(PlanNeeded(change.cause))
+            return
+        now, now_ns = self._situation.now(), self._turn.now_ns
+        self._script.situation_changed(now, change.cause)
+        self._requests.add_cause(Cause(change.cause, now_ns, now_ns))
+        self._requests.request_with_time(now, running)
 
     def _finishes_first(self) -> bool:
         """Tell whether a new change must wait until the present request or epoch is finished.

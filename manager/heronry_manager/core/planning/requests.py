@@ -154,6 +154,16 @@ class PlanRequests:
         self.causes.append(Cause(_IN_BACKGROUND, self._turn.now_ns, self._turn.now_ns))
         self.request(now, running, in_background=True)
 
+    def request_with_time(self, now: Situation, running: Placement) -> None:
+        """Request the best plan for this situation, for which what runs has to make room, but not at once.
+
+        Unlike the answer to a background request, this answer is deployed even if it is worse than what runs. If the
+        planner fails, the request is repeated as one for an immediate plan.
+        """
+        self.causes = [cause for cause in self.causes if cause.what != _IN_BACKGROUND]
+        self.request(now, running, in_background=True)
+        self.in_background = False
+
     def request_to_compare(self, target: Configuration, now: Situation, running: Placement) -> None:
         """Request the best plan for this situation, to compare it with the configuration of a script.
 

@@ -2,6 +2,7 @@
 
 HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
 PlanNeeded        the running plan was made for another situation
+PlanInTime        the operator retires an element that still works: there is time for the best plan
 LimitChanged      a radio has another limit: the running plan may still be the best one
 PeSuspected       a module suspects a PE: the manager sends this PE a PING
 TargetOrdered     the operator orders the configuration that a script makes, the target
@@ -26,6 +27,13 @@ class PlanNeeded:
 
     cause: str
     since_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlanInTime:
+    """A plan is needed, but what runs may run on until the best one has come; `cause` says why, in words."""
+
+    cause: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +74,13 @@ class TargetReleased:
 
 
 SituationChange = (
-    PeSuspected | HealthChange | PlanNeeded | LimitChanged | ModuleReleased | TargetOrdered | TargetReleased
+    PeSuspected
+    | HealthChange
+    | PlanNeeded
+    | PlanInTime
+    | LimitChanged
+    | ModuleReleased
+    | TargetOrdered
+    | TargetReleased
 )
 Changes = Sequence[SituationChange]
