@@ -24,6 +24,8 @@ from heronry_manager.core.vocabulary import (
     OperatorSaid,
     ReleaseTarget,
     Reply,
+    RestoreElement,
+    RetireElement,
     SetPriority,
     UnlockPe,
 )
@@ -50,6 +52,8 @@ ORDERS: list[Spoken] = [
     SetPriority("imaging", None),
     FailElement("pe:nav"),
     ClearElement("device:gps"),
+    RetireElement("pe:nav"),
+    RestoreElement("pe:nav"),
     UnlockPe("pe:nav"),
     FlyScript("G.PruneEdges ();\n"),
     ReleaseTarget(),

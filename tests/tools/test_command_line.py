@@ -24,6 +24,8 @@ ORDERS = (
     "priority",
     "fail",
     "clear",
+    "retire",
+    "restore",
     "unlock",
     "send-table",
     "key",
@@ -95,7 +97,7 @@ def test_help_groups_all_commands_each_in_one_line_that_fits_a_terminal(capsys: 
 
 
 def test_a_name_that_could_mislead_has_a_line_that_does_not() -> None:
-    for name in ("phase", "priority", "fail", "clear", "unlock"):
+    for name in ("phase", "priority", "fail", "clear", "retire", "restore", "unlock"):
         assert COMMANDS[name].line.startswith("the operator's order: ")
     assert COMMANDS["bus"].line.startswith("planned traffic: ")
 
@@ -318,6 +320,8 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "clear": ["clear", "--of", "nosuch", "pe:nav"],
     "phase": ["phase", "--of", "nosuch", "glide"],
     "priority": ["priority", "--of", "nosuch", "imaging", "7"],
+    "retire": ["retire", "--of", "nosuch", "pe:nav"],
+    "restore": ["restore", "--of", "nosuch", "pe:nav"],
     "unlock": ["unlock", "--of", "nosuch", "pe:nav"],
 }
 NAMES_NOTHING = ("schema", "eds")

@@ -71,6 +71,7 @@ _WITH_WHAT: Mapping[str, type[EnterPhase | OfElement | FlyScript | AskTraceback]
 }
 
 
+_CALLED: Mapping[type, str] = {kind: name for name, kind in _WITH_WHAT.items()}
 _BARE: Mapping[type, str] = {AskStatus: "status", ReleaseTarget: "release", Follow: "follow"}
 
 
@@ -93,18 +94,8 @@ def order_line(order: Spoken | Follow) -> bytes:
             return _line({"v": VERSION, "do": "phase", "what": phase})
         case SetPriority(function, priority):
             return _line({"v": VERSION, "do": "priority", "what": function, "to": priority})
-        case FailElement(element):
-            return _line({"v": VERSION, "do": "fail", "what": element})
-        case ClearElement(element):
-            return _line({"v": VERSION, "do": "clear", "what": element})
-        case RetireElement(element):
-            return _line({"v": VERSION, "do": "retire", "what": element})
-        case RestoreElement(element):
-            return _line({"v": VERSION, "do": "restore", "what": element})
-        case UnlockPe(element):
-            return _line({"v": VERSION, "do": "unlock", "what": element})
-        case AskTraceback(element):
-            return _line({"v": VERSION, "do": "traceback", "what": element})
+        case FailElement() | ClearElement() | RetireElement() | RestoreElement() | UnlockPe() | AskTraceback():
+            return _line({"v": VERSION, "do": _CALLED[type(order)], "what": order.element})
         case FlyScript(text):
             return _line({"v": VERSION, "do": "script", "what": text})
 

@@ -1,4 +1,4 @@
-"""`heronry status`, `traceback`, `phase`, `priority`, `fail`, `clear`, `retire`, `unlock`: orders to a local manager."""
+"""`heronry status`, `traceback`, `phase`, `priority`, `fail`, `retire`, `unlock` ...: orders to a local manager."""
 
 import argparse
 import json

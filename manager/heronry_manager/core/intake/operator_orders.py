@@ -10,9 +10,9 @@
                      PE that was failed may join again after the shortest hold-down. The manager sends CONTROL, CLEAR to
                      every PE, so that a PE immediately reports a fault that persists. If that frame is lost, the fault
                      is reported a second later, and a standby manager learns of the clearing some beats later
-    retire ELEMENT   the element goes out of service, while it still works (`retirement`): the best plan without it is made
-                     while what runs runs on, and then its modules move. An order during a reconfiguration is refused,
-                     as is one to retire a gateway before the PEs behind it
+    retire ELEMENT   the element goes out of service, while it still works (`retirement`): the best plan without it is
+                     made while what runs runs on, and then its modules move. An order during a reconfiguration is
+                     refused, as is one to retire a gateway before the PEs behind it
     restore ELEMENT  the element is taken back into service: each fault on it ends that no PE has reported
     script           run another configuration, which a script makes of the running one (`held_script`). A script is
                      refused during a reconfiguration, while another script waits, or if its configuration is not legal
@@ -114,14 +114,8 @@ class OperatorOrders:
                     return self._enter(checked_phase(self._spec, phase))
                 case SetPriority(function, priority):
                     return self._set_priority(checked_function(self._spec, function), priority)
-                case FailElement(element):
-                    return self._fail(checked_element(self._spec, element))
-                case ClearElement(element):
-                    return self._clear(checked_element(self._spec, element))
-                case RetireElement(element):
-                    return self._retire(checked_element(self._spec, element))
-                case RestoreElement(element):
-                    return self._restore(checked_element(self._spec, element))
+                case FailElement() | ClearElement() | RetireElement() | RestoreElement():
+                    return self._change_service(order)
                 case FlyTarget(target, problem):
                     return self._fly(target, problem)
                 case ReleaseTarget():
@@ -130,6 +124,18 @@ class OperatorOrders:
                     return self._unlock(checked_element(self._spec, element))
         except UnknownElementError as error:
             return Outcome(False, str(error), is_unusable=True)
+
+    def _change_service(self, order: FailElement | ClearElement | RetireElement | RestoreElement) -> Outcome:
+        element = checked_element(self._spec, order.element)
+        match order:
+            case FailElement():
+                return self._fail(element)
+            case ClearElement():
+                return self._clear(element)
+            case RetireElement():
+                return self._retire(element)
+            case RestoreElement():  # pragma: no branch - nothing else is left
+                return self._restore(element)
 
     def _enter(self, phase: str) -> Outcome:
         before = self._situation.phase
@@ -187,7 +193,9 @@ class OperatorOrders:
             return Outcome(True, f"{element} is out of service already: nothing is planned there")
         for one in parts:
             self._situation.latch(LatchedFault(one, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
-        then = f"switch it off when 'heronry status' shows that nothing runs there; 'heronry restore {element}' ends this"
+        then = (
+            f"switch it off when 'heronry status' shows that nothing runs there; 'heronry restore {element}' ends this"
+        )
         follows = self._what_follows(f"a plan without it is on its way: {then}")
         return Outcome(True, f"{element} is retired; {follows}", (PlanInTime(f"{element} retired by {OPERATOR}"),))
 
@@ -274,4 +282,6 @@ class OperatorOrders:
         if self._turn.silent:
             return Outcome(False, _ONLY_ADVISES)
         told = Control(self._turn.term, pe.node_id, Operation.UNLOCK, UNLOCK_S)
-        return Outcome(True, f"{element} is unlocked for NMT commands and SDO writes, for {UNLOCK_S} s", commands=(told,))
+        return Outcome(
+            True, f"{element} is unlocked for NMT commands and SDO writes, for {UNLOCK_S} s", commands=(told,)
+        )

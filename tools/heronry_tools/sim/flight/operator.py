@@ -18,6 +18,7 @@ them.
 from heronry_dg.losses import lost_elements
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, is_place, module_of
+from heronry_manager.core.intake import parts_of
 from heronry_manager.core.vocabulary import (
     AskStatus,
     ClearElement,
@@ -25,6 +26,8 @@ from heronry_manager.core.vocabulary import (
     FailElement,
     ReleaseTarget,
     Reply,
+    RestoreElement,
+    RetireElement,
     SetPriority,
 )
 from heronry_manager.shell.control_protocol import FlyScript
@@ -34,7 +37,8 @@ from heronry_tools.sim.flight.truth import Truth
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 
-Order = EnterPhase | SetPriority | FailElement | ClearElement | FlyScript | ReleaseTarget
+OfElement = FailElement | ClearElement | RetireElement | RestoreElement
+Order = EnterPhase | SetPriority | OfElement | FlyScript | ReleaseTarget
 
 _AGAIN_NS = 100_000_000
 _AWAY = ("down", "returning")
@@ -75,6 +79,14 @@ class Operator:
             self._excuse_idle(order.element)
         elif isinstance(order, ClearElement):
             self._is_well(order.element, term)
+        elif isinstance(order, RetireElement):
+            for part in parts_of(self._spec, order.element):
+                self._well.pop(part, None)
+                self._truth.declared[part] = term
+                self._checks.declared(self._clock.now_ns, part)
+        elif isinstance(order, RestoreElement):
+            for part in parts_of(self._spec, order.element):
+                self._is_well(part, term)
         elif isinstance(order, FlyScript | ReleaseTarget):
             self._checks.script_ordered(self._clock.now_ns, term if isinstance(order, FlyScript) else None)
         elif isinstance(order, EnterPhase):
