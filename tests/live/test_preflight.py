@@ -214,8 +214,8 @@ def test_big_blue_goes_with_its_ground_station_and_each_broken_thing_is_named(bi
     for name, check, says, change in (
         (
             "a table compiled otherwise",
-            "PE",
-            "wing does not run epoch",
+            "tables",
+            "wing stages nothing: its table was compiled otherwise",
             lambda table: replace(table, cpu_millis=table.cpu_millis + 1),
         ),
         (
