@@ -1,7 +1,10 @@
 """Each oracle of masterships finds the violations that it is for, and no others."""
 
+import pytest
+
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.cli import main
 from heronry_tools.sim.oracles.oracle import StateSaid
 from heronry_tools.sim.oracles.orphans import OrphanCheck
 from heronry_tools.sim.oracles.terms import TermCheck
@@ -173,3 +176,10 @@ def test_two_that_were_given_one_number_each_have_terms_of_their_own() -> None:
     assert check.violations == []
     check.follow_command(7, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126 again")
     assert [violation.story for violation in check.violations] == ["manager 126 went back from term 5 to 3"]
+
+
+def test_an_epoch_that_a_deposed_manager_still_activates_is_not_the_one_that_runs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    flight = ["sim", "dg_specs/examples/radio_link.dg.yaml", "--seed", "20", "--standby", "--keyed"]
+    assert main(flight) == 0, capsys.readouterr().out

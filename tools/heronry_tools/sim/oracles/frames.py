@@ -67,7 +67,7 @@ class FrameWatch:
         self._of = {hook: listeners(oracles, hook) for hook in _HEARD}
         self._of_data = self._of["published"]
         self._term = 0  # the highest term heard
-        self._last_commands: dict[int, bytes] = {}
+        self._last_lease: tuple[int, bytes] | None = None  # identifier and data
         self._node_of_state = {state_id(node): node for node in PE_NODES}
         self._node_of_emcy = {emcy_id(node): node for node in PE_NODES}
         self._pe_of = dict.fromkeys(PE_NODES, "") | {pe.node_id: pe.name for pe in known.spec.pes.values()}
@@ -166,10 +166,11 @@ class FrameWatch:
         if command is Command.LEASE:
             for oracle in self._of["leased"]:
                 oracle.leased(sent.end_ns)
-        if self._last_commands.get(identifier) == data:
-            return
-        if command is Command.LEASE:
-            self._last_commands[identifier] = data
+            if self._last_lease == (identifier, data):
+                return
+            self._last_lease = identifier, data
+        elif command is Command.ACTIVATE:
+            self._last_lease = None  # a manager that has lost its mastership may activate what no PE runs
         message = decode_command(command, data)
         if not isinstance(message, Malformed):
             self._new_command(manager, message, sent)
