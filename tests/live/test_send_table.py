@@ -1,5 +1,6 @@
 """A PE that is started with only its node-ID, and gets its table over the bus."""
 
+import logging
 import signal
 import subprocess
 import sys
@@ -51,8 +52,8 @@ class WaitingPe:
         return self.process.returncode, said
 
 
-def send(hub: HubProcess, spec: str, pe: str = PE) -> int:
-    return main(["send-table", spec, pe, "-i", "softbus", "-c", str(hub.path), "--contingencies", "none"])
+def send(hub: HubProcess, spec: str, pe: str = PE, *more: str) -> int:
+    return main(["send-table", spec, pe, "-i", "softbus", "-c", str(hub.path), "--contingencies", "none", *more])
 
 
 def test_a_pe_waits_gets_its_table_and_starts(hub: HubProcess, capsys: pytest.CaptureFixture[str]) -> None:
@@ -97,8 +98,13 @@ def test_without_a_waiting_pe_the_command_reports_it(
     hub: HubProcess, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(send_table_command, "_ANSWER_WITHIN_S", 0.1)
-    assert send(hub, SPEC) == 2
-    assert f"node {NODE} did not take the table (No SDO response received)" in capsys.readouterr().err
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # as in a user's process: pytest handles logs
+    for more in ((), ("--json",)):
+        assert send(hub, SPEC, PE, *more) == 2
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err.startswith(f"heronry: node {NODE} did not take the table (No SDO response received); ")
+        assert said.err.count("\n") == 1
     assert send(hub, SPEC, "nobody") == 2
     assert "no PE is named 'nobody'" in capsys.readouterr().err
 

@@ -20,6 +20,7 @@ from heronry_manager.shell.control_client import call, find_socket
 from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_files import expect_pe, load_spec
+from heronry_tools.runtime.canopen_log import keep_off_the_terminal
 from heronry_tools.runtime.table_files import table_texts
 from heronry_wire.bus_arguments import flagged_bus
 from heronry_wire.bus_opening import open_bus
@@ -69,6 +70,7 @@ def _send(flags: dict[str, Any], node: int, content: bytes, unlock: Callable[[],
     unlock: unlocks the PE, and is called before the table is written. If the PE answers that it is locked, both steps
     are repeated for a while.
     """
+    keep_off_the_terminal()
     give_up_s = time.monotonic() + _ANSWER_WITHIN_S
     with canopen.Network(open_bus(flags).bus) as network:
         network.connect()

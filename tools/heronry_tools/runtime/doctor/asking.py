@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.reports.findings import Finding
+from heronry_tools.runtime.canopen_log import keep_off_the_terminal
 from heronry_tools.runtime.doctor.expected import Expected
 from heronry_wire.canopen_objects import SPEC
 from heronry_wire.protocol_version import PROTOCOL, Version
@@ -52,6 +53,7 @@ def ask_tables(bus: "can.BusABC", nodes: Iterable[int]) -> Answers | None:
         from canopen.sdo.exceptions import SdoError  # noqa: PLC0415 - as above
     except ModuleNotFoundError:
         return None
+    keep_off_the_terminal()
     told: dict[int, ToldTable | None] = dict.fromkeys(asked)
     with canopen.Network(bus) as network:
         network.connect()
