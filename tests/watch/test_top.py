@@ -3,6 +3,7 @@
 import asyncio
 import os
 import pty
+import re
 import select
 import subprocess
 import sys
@@ -217,10 +218,31 @@ def test_the_heads_of_columns_stand_above_them() -> None:
     assert head.index("m/s/s") == last.index("1/1/3")
 
 
-def test_lines_are_cut_at_the_edge_and_never_wrapped() -> None:
-    text = panels.joined(panels.functions(big_blue().timeline().last(), Look()))
-    assert text.no_wrap
-    assert text.overflow == "ellipsis"
+def words_on_the_screen(app: TopApp, name: str) -> str:
+    """What a user reads in a panel, with one blank between words, wherever lines end."""
+    region = app.query_one(f"#{name}").region
+    strips = app.screen._compositor.render_strips()[region.y : region.bottom]
+    return " ".join(re.sub("[▁-█]", " ", " ".join(strip.crop(region.x, region.right).text for strip in strips)).split())
+
+
+def test_a_small_terminal_shows_reasons_whole() -> None:
+    async def play(app: TopApp, pilot) -> None:
+        view = app.snapshot()
+        lost = view.functions["servo_watch"]
+        assert len(lost.why_not) > SMALL[0]
+        assert f"lost: servo_watch <- {lost.why_not}" in words_on_the_screen(app, "head")
+        assert view.pes["tail_b"].why in words_on_the_screen(app, "pes")
+        assert f"only <- {view.functions['parachute'].shortfalls[0]}" in words_on_the_screen(app, "functions-scroll")
+        assert "imaging" not in words_on_the_screen(app, "functions-scroll")
+        await pilot.press("pagedown")
+        await pilot.pause()
+        assert f"<- {lost.why_not} d flight_log" in words_on_the_screen(app, "functions-scroll")
+        assert "S imaging" in words_on_the_screen(app, "functions-scroll")
+        await pilot.press("pageup")
+        await pilot.pause()
+        assert "imaging" not in words_on_the_screen(app, "functions-scroll")
+
+    fly(SMALL, play)
 
 
 def test_a_real_run_in_a_pseudo_terminal(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ up, down       select a PE                    d   all details of it, and of the 
 1, 2, 3        events, reconfigurations, modules of the selected PE (tab: the next one)
 /              show only lines with these words; empty: all       SPACE   freeze the picture; counting goes on
 ?              this page                      q   quit
+page up, page down   scroll the functions
 
 of a recording:  left, right   one second     [, ]   the reconfiguration before, the next one
                  p   play at 1x, 4x, 16x      home, end   to its start, to its end
@@ -40,7 +41,21 @@ of a recording:  left, right   one second     [, ]   the reconfiguration before,
 
 
 _OWN_ACTIONS = frozenset(
-    {"help", "filter", "freeze", "details", "tab", "play", "reconfiguration", "quit", "select", "show", "move", "end"}
+    {
+        "help",
+        "filter",
+        "freeze",
+        "details",
+        "tab",
+        "play",
+        "reconfiguration",
+        "quit",
+        "select",
+        "show",
+        "move",
+        "end",
+        "functions",
+    }
 )
 
 
@@ -94,6 +109,8 @@ class TopApp(App[None]):
         _quiet("right_square_bracket", "reconfiguration(1)"),
         _quiet("up", "select(-1)"),
         _quiet("down", "select(1)"),
+        _quiet("pageup", "functions(-1)"),
+        _quiet("pagedown", "functions(1)"),
         *(_quiet(str(number), f"show({number - 1})") for number in range(1, len(_TABS) + 1)),
         _quiet("left", "move(-1)"),
         _quiet("right", "move(1)"),
@@ -240,6 +257,11 @@ class TopApp(App[None]):
             at = names.index(self.look.selected) if self.look.selected in names else 0
             self.look = Look(names[(at + step) % len(names)], self.look.words)
             self.paint()
+
+    def action_functions(self, step: int) -> None:
+        """Scroll the functions down by a page (1) or up (-1); with reasons they may be longer than their panel."""
+        panel = self.query_one("#functions-scroll", VerticalScroll)
+        panel.scroll_relative(y=step * panel.size.height, animate=False)
 
     def action_tab(self) -> None:
         """Show the next one of the lower panels."""

@@ -1,7 +1,7 @@
 """A snapshot as the panels of `heronry top`: coloured text, one fact a line.
 
-A letter stands beside every colour, for terminals without colours. Each function gives the lines of one panel; the app
-cuts them to the width of the panel.
+A letter stands beside every colour, for terminals without colours. Each function gives the lines of one panel. In
+panels with reasons a line that is longer than the panel is wide goes on below (`app.tcss`); in the others it is cut.
 """
 
 from collections.abc import Iterator, Sequence
@@ -310,7 +310,5 @@ def _matches(look: Look, *texts: str | None) -> bool:
 
 
 def joined(lines: Sequence[Text]) -> Text:
-    """Join lines into one text, of which a panel shows each line cut off at the panel's edge."""
-    whole = Text("\n", no_wrap=True, overflow="ellipsis").join(lines)
-    whole.no_wrap, whole.overflow = True, "ellipsis"
-    return whole
+    """Join lines into one text; the style sheet says which panels continue a long line below, and which cut it off."""
+    return Text("\n").join(lines)
