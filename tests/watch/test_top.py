@@ -231,6 +231,7 @@ def test_a_small_terminal_shows_reasons_whole() -> None:
         lost = view.functions["servo_watch"]
         assert len(lost.why_not) > SMALL[0]
         assert f"lost: servo_watch <- {lost.why_not}" in words_on_the_screen(app, "head")
+        assert "3.00 of 3.00 s lost: " in words_on_the_screen(app, "head"), "long reasons push out no note"
         assert view.pes["tail_b"].why in words_on_the_screen(app, "pes")
         assert f"only <- {view.functions['parachute'].shortfalls[0]}" in words_on_the_screen(app, "functions-scroll")
         assert "imaging" not in words_on_the_screen(app, "functions-scroll")

@@ -205,7 +205,8 @@ class TopApp(App[None]):
         view, width = self.snapshot(), self.size.width
         self.repaints += 1
         look = self.look = self._selected(view)
-        self._write("head", [*panels.head(view), *self._notes()])
+        first, *wrong = panels.head(view)
+        self._write("head", [first, *self._notes(), *wrong])
         self._write("buses", panels.buses(view, width))
         self._write("pes", panels.pes(view, look))
         self._write("functions", [*panels.functions(view, look), *panels.plants(view, look)])

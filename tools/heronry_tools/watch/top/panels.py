@@ -65,7 +65,8 @@ def head(view: Snapshot) -> list[Text]:
     """Give the head of the view: a line about the system, and lines about what is wrong with the system.
 
     The first line has spec, phase, epoch, term, manager and stage (for example PLANNING or RUNNING).
-    Below it there is a line for each of the first lost functions, and a line with everything else that is wrong.
+    Below it there is a line with all that is wrong but for lost functions, and one for each of the first lost ones:
+    these are the longest, so where a small terminal has no room, it is the last reason that is cut.
     """
     manager = view.manager
     state = manager.state or "not heard"
@@ -76,8 +77,6 @@ def head(view: Snapshot) -> list[Text]:
     line.append(f"manager {manager.node or '-'} {state}  ")
     line.append(view.stage.upper(), "bold green" if view.stage == "running" else "bold yellow")
     lines = [line]
-    lost = [(name, one) for name, one in view.functions.items() if one.wanted and one.served is False]
-    lines += [Text(f"lost: {name} <- {one.why_not}", "bold red") for name, one in lost[:_LOST_IN_HEAD] if view.epoch]
     notes = [] if view.knows_why else ["the bus alone: no causes are known"]
     notes += [f"{fault.element} failed ({fault.by})" for fault in view.faults]
     notes += [f"{one.module} {_silent(one)}" for one in view.silences]
@@ -87,6 +86,8 @@ def head(view: Snapshot) -> list[Text]:
     notes += [f"journal: {manager.journal}"] if manager.journal else []
     if notes:
         lines.append(Text("! " + "; ".join(notes), "yellow"))
+    lost = [(name, one) for name, one in view.functions.items() if one.wanted and one.served is False]
+    lines += [Text(f"lost: {name} <- {one.why_not}", "bold red") for name, one in lost[:_LOST_IN_HEAD] if view.epoch]
     return lines
 
 
