@@ -171,7 +171,7 @@ def test_without_a_plan_to_compare_it_with_it_is_refused(manager: OneManager) ->
 def test_one_script_waits_at_a_time_and_none_while_anything_is_under_way(manager: OneManager) -> None:
     say(manager, FlyTarget(target()))
     second = say(manager, FlyTarget(target(control="left")))
-    assert "another script waits for the best plan: give the order again" in second.sentence
+    assert "a script waits for the best plan: give the order again" in second.sentence
     assert script(manager) == ("asked", None)
     manager.answer()
     third = say(manager, FlyTarget(target(control="left")))

@@ -42,6 +42,7 @@ def test_a_retired_pe_runs_on_until_the_best_plan_has_come_and_stays_available(m
     assert request.now.down == LEFT_PARTS
     manager.pass_time(10 * BEAT_NS)
     assert manager.requests[-1] is request
+    assert not manager.core.is_pressed  # so the shell does not stop the planner that is to answer
     fly_the_plan(manager, *manager.spec.pes)
     told = manager.last(events.Reconfigured)
     assert told.causes == ("pe:left retired by the operator",)

@@ -28,7 +28,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def next_commands(name: str, folder: Path) -> list[str]:
     """Return the commands that check, fly and test a project, each for a shell in the present folder."""
-    change, python, heronry = f"cd {shlex.quote(str(folder))} && ", _program("python"), _program("heronry")
+    change, python = f"cd {shlex.quote(str(folder))} && ", _program("python")
+    heronry = _program("heronry", "-m heronry_tools")
     return [
         f"{change}{heronry} check {name}.dg.yaml",
         f"{change}{heronry} demo {name}.dg.yaml --for 10",
@@ -36,10 +37,13 @@ def next_commands(name: str, folder: Path) -> list[str]:
     ]
 
 
-def _program(name: str) -> str:
-    """Return what to type for a program of this environment: its name, if that finds it, or its path."""
+def _program(name: str, module: str = "") -> str:
+    """Return what to type for a program of this environment: its name, if that finds it, or its path.
+
+    module: what to type behind the path of Python where the environment has no such program.
+    """
     own = Path(sys.executable).with_name(name)
     found = shutil.which(name)
     if found is not None and Path(found) == own:
         return name
-    return shlex.quote(str(own if own.exists() else Path(sys.executable)))
+    return shlex.quote(str(own)) if own.exists() else f"{shlex.quote(sys.executable)} {module}".rstrip()

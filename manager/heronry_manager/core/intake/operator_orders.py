@@ -255,7 +255,7 @@ class OperatorOrders:
     def _why_not_now(self) -> str | None:
         requests = self._requests
         if self._script.is_ordered:
-            return "another script waits for the best plan: give the order again"
+            return "a script waits for the best plan: give the order again"
         if not self._deployment.is_at_rest() or (requests.is_owed and not requests.in_background):
             return "a reconfiguration is under way: give the order again when 'heronry status' shows it done"
         return None

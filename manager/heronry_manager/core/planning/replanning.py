@@ -123,8 +123,9 @@ class Replanning:
 
     @property
     def is_urgent(self) -> bool:
-        """Tell whether a plan is awaited, or will be requested again, that was not requested in the background."""
-        return self._requests.is_owed and not self._requests.in_background
+        """Tell whether an immediate plan is awaited, or will be requested again."""
+        requests = self._requests
+        return requests.is_owed and not requests.in_background and not requests.has_time
 
     @property
     def again_ns(self) -> int | None:

@@ -49,6 +49,7 @@ class PlanRequests:
         self._number = 0
         self.waiting = False
         self.in_background = False  # whether the last request was one in the background
+        self.has_time = False  # whether the present request is one for the best plan, which is deployed in any case
         self.again_ns: int | None = None
         self.causes: list[Cause] = []  # of the reconfiguration that is not done yet
         self.gathered: list[Cause] = []  # causes that the next request will take into account
@@ -75,6 +76,7 @@ class PlanRequests:
             self.causes.append(Cause(_FIRST, self._turn.now_ns, self._turn.now_ns))
         self._number += 1
         self.waiting, self.again_ns, self.in_background = True, None, in_background
+        self.has_time = False
         self._turn.do(RequestPlan(self._number, now, running, in_background, target))
         self._turn.emit(
             events.PlanRequested,
@@ -123,6 +125,7 @@ class PlanRequests:
         if answer.request != self._number or not self.waiting:
             return False
         self.waiting, self.again_ns = False, None if self.in_background else self._turn.now_ns + PLAN_AGAIN_NS
+        self.has_time = False
         self._turn.emit(events.PlanFailed, request=answer.request, reason=answer.reason)
         return True
 
@@ -162,7 +165,7 @@ class PlanRequests:
         """
         self.causes = [cause for cause in self.causes if cause.what != _IN_BACKGROUND]
         self.request(now, running, in_background=True)
-        self.in_background = False
+        self.in_background, self.has_time = False, True
 
     def request_to_compare(self, target: Configuration, now: Situation, running: Placement) -> None:
         """Request the best plan for this situation, to compare it with the configuration of a script.
@@ -183,7 +186,7 @@ class PlanRequests:
 
     def forget(self) -> None:
         """Drop the present request, its causes and the gathered causes, since this manager no longer plans."""
-        self.waiting, self.again_ns, self.in_background = False, None, False
+        self.waiting, self.again_ns, self.in_background, self.has_time = False, None, False, False
         self.causes.clear()
         self.gathered.clear()
 

@@ -28,11 +28,17 @@ function opener(order, text, act) {
   return h("button", { type: "button", class: ORDERS[order.do].grave ? "grave" : "", "data-order": [order.do, order.what].filter(Boolean).join(" "), on: { click: act ?? (() => ask(order)) } }, text ?? ORDERS[order.do].word(order));
 }
 
-// What can be done now: a PE that is down cannot be killed, and only what is latched can be cleared.
+// What can be done now. A PE that is declared failed may still live, one in quarantine is cleared though it works, and
+// one that waits for a table is unlocked though it counts as down.
 const isDown = (element) => store.snapshot.pes[element.slice(3)]?.standing === "down";
 const isLatched = (element) => store.snapshot.faults.some((fault) => fault.element === element);
+const isHeldDown = (element) => element.startsWith("pe:") && !["up", "down"].includes(store.snapshot.pes[element.slice(3)]?.standing);
 const NOW = {
-  kill: (element) => !isDown(element), restore: isDown, unlock: (element) => !isDown(element), fail: (element) => !isLatched(element), clear: isLatched,
+  kill: (element) => !isDown(element) || isLatched(element),
+  restore: isDown,
+  unlock: () => true,
+  fail: (element) => !isLatched(element),
+  clear: (element) => isLatched(element) || isHeldDown(element),
 };
 
 export function button(name, element) {
