@@ -187,12 +187,14 @@ def test_big_blue_goes_with_its_ground_station_and_each_broken_thing_is_named(bi
     aircraft.go()
 
     def broken(name: str, check: str, says: str, spoil: Break, mend: Break, *options: str) -> None:
+        def is_named_alone(found: dict[str, str]) -> bool:
+            """A PE that was restarted for it has joined again, too."""
+            beside = found.keys() - {check, "functions", "epoch", "radio"}
+            return says in found.get(check, "") and not beside
+
         spoil(aircraft)
         try:
-            wrong = aircraft.wrong(*options, until=lambda found: check in found and says in found[check])
-            beside = wrong.keys() - {check, "functions", "epoch", "radio"}
-            print(f"{name}: {wrong}")
-            assert not beside, f"{name}: {wrong}"
+            print(f"{name}: {aircraft.wrong(*options, until=is_named_alone)}")
         finally:
             mend(aircraft)
         aircraft.go()
@@ -244,6 +246,7 @@ def test_big_blue_goes_with_its_ground_station_and_each_broken_thing_is_named(bi
 
     def mend_image(one: Aircraft) -> None:
         mend(one)
+        one.wrong(until=lambda found: "PE" not in found)  # a PE hears no order before it has joined again
         call(manager, ClearElement("module:pitot_driver"))
 
     broken("image", "images", "module:pitot_driver", spoil, mend_image)
