@@ -18,7 +18,7 @@ def compressed(text: str) -> bytes:
 
 
 def table_bytes(content: bytes, most: int) -> bytes:
-    """Give the text of a table, as bytes, from what has come over the bus.
+    """Return the text of a table, as bytes, from what has come over the bus.
 
     most: number of bytes that the text may have, so that a few bytes cannot fill the memory of a node.
 

@@ -3,8 +3,8 @@
     waiting   the node is a CANopen node that runs nothing: boot-up, heartbeat PRE-OPERATIONAL, SDO, NMT, node services.
               It sends no state frame, so a manager counts it as down and plans without it
     given     a client, mostly the manager, has written object 2020h with a table that can be used and has this node-ID,
-              as text or compressed (`compressed_table`). The node still sends
-              the answer to the client; then the agent starts as if the table had come from a file
+              as text or compressed (`compressed_table`). The node still sends the answer to the client; then the agent
+              starts as if the table had come from a file
 
 With a key the node sends a nonce to a manager that it hears, and the manager answers with the command WELCOME, as with
 every PE (`authenticity`). The node executes only the commands LEASE and UNLOCK; UNLOCK allows SDO writes for some

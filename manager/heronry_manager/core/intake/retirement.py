@@ -16,7 +16,7 @@ from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 
 
 def parts_of(spec: Spec, element: str) -> tuple[str, ...]:
-    """Give the elements that count as failed while `element` is retired; for a PE on which nothing can run: none."""
+    """Return the elements that count as failed while `element` is retired; for a PE on which nothing can run: none."""
     kind, _, name = element.partition(":")
     if kind != "pe":
         return (element,)
@@ -29,6 +29,6 @@ def parts_of(spec: Spec, element: str) -> tuple[str, ...]:
 
 
 def connected_by(spec: Spec, element: str) -> tuple[str, ...]:
-    """Give the PEs that lose their route to the manager when `element` is switched off, in the spec's order."""
+    """Return the PEs that lose their route to the manager when `element` is switched off, in the spec's order."""
     before, after = (survivors(spec, Situation(down)).pe_cpu_millis for down in (frozenset(), frozenset((element,))))
     return tuple(pe for pe in spec.pes if pe in before and pe not in after and element != f"pe:{pe}")

@@ -196,7 +196,7 @@ class Health:
         return self._records[pe].standing in (Standing.UP, Standing.SUSPECT)
 
     def spoke_last_ns(self, pe: str) -> int:
-        """Give the time (ns) of the last state frame of a PE, proven or not; far in the past: it never sent one."""
+        """Return the time (ns) of the last state frame of a PE, proven or not; far in the past: it never sent one."""
         record = self._records[pe]
         return max(_LONG_AGO_NS if record.heard_ns is None else record.heard_ns, record.spoke_ns or _LONG_AGO_NS)
 

@@ -7,9 +7,10 @@
 send brings tables.
 
 *What may go wrong.* A lost segment is sent again. A lost answer ends the transfer, which begins anew after a pause that
-doubles. Nothing proves an SDO answer or a heartbeat: a forged one delays a transfer or starts one that nobody answers.
-It changes no plan and excludes no PE. The PE takes the whole table, checked, or nothing. A restart forgets a transfer,
-and the next heartbeat of the PE begins it again.
+doubles. Nothing proves an SDO answer or a heartbeat: a forged one delays a transfer or starts one that nobody answers,
+and with a key it makes the manager unlock that PE, which may then be sent a recorded table of its own (docs/limits.md).
+It changes no plan. The PE takes the whole table, checked, or nothing. A restart forgets a transfer, and the next
+heartbeat of the PE begins it again.
 
 No decision on what runs depends on anything here. The pages: docs/canopen.md, docs/protocol.md.
 """

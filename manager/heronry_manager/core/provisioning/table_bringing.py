@@ -4,8 +4,8 @@
     waits     the PE sends CANopen heartbeats that say INITIALISING or PRE-OPERATIONAL, is not available, and has sent
               no state frame for QUIET_NS. So a PE that has failed and restarts has certainly lost what it ran
     brought   its table is on its way; one PE at a time
-    paused    the PE did not take the table, or another SDO client has made a request to it. After a failure the pause
-              doubles from SHORTEST_PAUSE_NS to LONGEST_PAUSE_NS; after a success it is forgotten
+    paused    the PE did not take the table, or another SDO client made a request to it during its transfer. After a
+              failure the pause doubles from SHORTEST_PAUSE_NS to LONGEST_PAUSE_NS; after a success it is forgotten
     forgotten no heartbeat has come for FORGOTTEN_NS
 
 With a key each transfer begins with an UNLOCK for the PE, and the table is sealed. The PE may not accept this manager's

@@ -30,15 +30,14 @@ function opener(order, text, act) {
 
 // What can be done now. A PE that is declared failed may still live, one in quarantine is cleared though it works, and
 // one that waits for a table is unlocked though it counts as down.
-const isDown = (element) => store.snapshot.pes[element.slice(3)]?.standing === "down";
+const standing = (element) => (element.startsWith("pe:") ? store.snapshot.pes[element.slice(3)]?.standing : undefined);
 const isLatched = (element) => store.snapshot.faults.some((fault) => fault.element === element);
-const isHeldDown = (element) => element.startsWith("pe:") && !["up", "down"].includes(store.snapshot.pes[element.slice(3)]?.standing);
 const NOW = {
-  kill: (element) => !isDown(element) || isLatched(element),
-  restore: isDown,
+  kill: (element) => standing(element) !== "down" || isLatched(element),
+  restore: (element) => standing(element) === "down",
   unlock: () => true,
   fail: (element) => !isLatched(element),
-  clear: (element) => isLatched(element) || isHeldDown(element),
+  clear: (element) => isLatched(element) || standing(element) === "returning",
 };
 
 export function button(name, element) {
