@@ -29,6 +29,7 @@ ORDERS = (
     "unlock",
     "send-table",
     "key",
+    "bundle",
     "new",
 )  # one sentence is all that they answer
 STREAMS = ("demo", "manager", "top", "web")  # they print until they are ended; a shell's > keeps that
@@ -307,6 +308,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     # the same of other files and names
     "scenario": ["scenario", "nosuch.scenario"],
     "key": ["key", "--check", "nosuch.key"],
+    "bundle": ["bundle", "inspect", "nosuch.bundle"],
     "new": ["new", "glider", "--in", "nosuch"],
     "explain": ["explain", "nosuch"],
     "rules": ["rules", "nosuch"],

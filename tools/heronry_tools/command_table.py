@@ -68,6 +68,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("table", "compile the table from which a PE's agent runs"),
         Command("send-table", "send a table over the bus to a PE that waits for it"),
         Command("key", "make the key that proves the frames of manager and PEs"),
+        Command("bundle", "make code into one signed file, and bring it to a PE"),
         Command("softbus", "a CAN bus in software, where the kernel has no vcan"),
         Command("doctor", "is this computer fit to fly, and what to type if not"),
         Command("preflight", "GO or NO GO: all that must hold before take-off"),

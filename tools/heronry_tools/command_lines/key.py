@@ -9,6 +9,7 @@ _EPILOG = """\
 examples:
   heronry key fleet.key                          a new key that only its owner can read (mode 0600)
   heronry key --check fleet.key                  its fingerprint, to compare with those of all nodes
+  heronry key --signing fleet.signing            another key, which signs code; fleet.signing.pub is for each PE
   heronry manager my.dg.yaml --key fleet.key -i socketcan -c can0
   pe-agent --table nav.table --key fleet.key -i socketcan -c can0
 
@@ -26,5 +27,9 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_EPILOG,
     )
     parser.add_argument("file", metavar="FILE", type=Path, help="the file of the key")
-    parser.add_argument("--check", action="store_true", help="make no key; print the fingerprint of the key in FILE")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--check", action="store_true", help="make no key; print the fingerprint of the key in FILE")
+    what.add_argument(
+        "--signing", action="store_true", help="make a key that signs code (heronry bundle), and FILE.pub for each PE"
+    )
     add_json(parser, "write the fingerprint as JSON")

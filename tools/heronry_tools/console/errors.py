@@ -14,6 +14,7 @@ _EXTRAS: Final = {
     **dict.fromkeys(("starlette", "uvicorn"), "web"),
     **dict.fromkeys(("cantools", "rich", "textual"), "watch"),
     **dict.fromkeys(("asammdf", "mcap", "prometheus_client"), "export"),
+    **dict.fromkeys(("cryptography", "packaging"), "bundle"),
     "distributed": "cluster",
     "highspy": "dev",
 }

@@ -1,0 +1,103 @@
+"""`heronry bundle`: the code of images as one signed file, for PEs that take code over the bus."""
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.whole_file import expect_writable, write_whole
+from heronry_wire.bundle import MOST_BYTES, MOST_UNPACKED, Bundle, BundleError, pack, unpack
+from heronry_wire.bundle_signing import check_signature, read_public_key, read_wheel, sign
+from heronry_wire.ordinary_file import read_ordinary
+
+_LEFT_OUT = ("__pycache__", ".git")
+
+
+def run_build(arguments: argparse.Namespace) -> int:
+    """Make a bundle from the files of a folder; returns the exit code."""
+    expect_writable(arguments.file)
+    for wheel in arguments.wheel:
+        read_wheel(wheel)
+    if not arguments.folder.is_dir():
+        raise UserError(f"{arguments.folder} is no folder: name the folder that holds your modules")
+    files = dict(_files(arguments.folder, arguments.file.resolve()))
+    try:
+        bundle = pack(arguments.name, arguments.version, tuple(arguments.image), files, tuple(arguments.wheel))
+    except BundleError as error:
+        raise UserError(f"{arguments.folder} makes no bundle: {error}") from error
+    write_whole(arguments.file, bundle.content)
+    _say(arguments, bundle, "built, not signed yet")
+    return 0
+
+
+def run_sign(arguments: argparse.Namespace) -> int:
+    """Sign a bundle in its place; returns the exit code."""
+    bundle = sign(_read(arguments.file), arguments.key)
+    write_whole(arguments.file, bundle.content)
+    _say(arguments, bundle, f"signed with key {bundle.key_name.hex()}")
+    return 0
+
+
+def run_inspect(arguments: argparse.Namespace) -> int:
+    """Tell what is in a bundle; with a public key, check its signature. Returns the exit code."""
+    bundle = _read(arguments.file)
+    if arguments.key is not None:
+        try:
+            check_signature(bundle, read_public_key(arguments.key))
+        except BundleError as error:
+            raise UserError(f"{arguments.file}: {error}") from error
+    state = f"signed with key {bundle.key_name.hex()}" if bundle.is_signed else "not signed"
+    _say(arguments, bundle, f"{state}{', which is right' if arguments.key else ''}")
+    if not arguments.json:
+        manifest = bundle.manifest
+        print("images:", ", ".join(manifest.images))
+        print("needs: ", ", ".join((f"Python {manifest.python}", *manifest.wheels)))
+        print("files: ", ", ".join(sorted(manifest.files)))
+    return 0
+
+
+def _read(file: Path) -> Bundle:
+    try:
+        return unpack(read_ordinary(file, MOST_BYTES + 1))
+    except OSError as error:
+        raise UserError(f"{file}: {error.strerror}; make a bundle with 'heronry bundle build'") from error
+    except BundleError as error:
+        raise UserError(f"{file}: {error}") from error
+
+
+def _files(folder: Path, result: Path) -> Iterator[tuple[str, bytes]]:
+    """Yield path and content of each file of a folder; compiled files and the bundle itself are left out."""
+    left = MOST_UNPACKED
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if any(part in _LEFT_OUT for part in path.parts) or path.resolve() == result:
+            continue
+        if path.is_symlink():
+            raise UserError(f"{path} is a symbolic link, which a bundle cannot hold: put the file itself in its place")
+        if path.is_dir():
+            continue
+        try:
+            content = read_ordinary(path, left + 1)
+        except OSError as error:
+            raise UserError(f"{path}: {error.strerror}; leave it out of the folder") from error
+        left -= len(content)
+        if left < 0:
+            raise UserError(f"{folder} has more than {MOST_UNPACKED} bytes in its files: leave files out")
+        yield name, content
+
+
+def _say(arguments: argparse.Namespace, bundle: Bundle, state: str) -> None:
+    manifest = bundle.manifest
+    if arguments.json:
+        told: dict[str, Any] = {
+            **json.loads(manifest.to_json()),
+            "file": str(arguments.file),
+            "bytes": len(bundle.content),
+            "sha256": bundle.digest,
+            "key": bundle.key_name.hex() if bundle.is_signed else None,
+        }
+        print(json.dumps(told))
+    else:
+        print(f"{arguments.file}: {manifest.name}, version {manifest.version}, {len(bundle.content)} bytes, {state}")
