@@ -24,6 +24,7 @@ CODECS = frozenset(
     )
 )
 OTHER_BYTES = {
+    "heronry_wire/bundle.py": "a file",
     "heronry_wire/can_interface.py": "what the kernel tells of an interface (netlink)",
     "heronry_wire/frame_port.py": "what the kernel hands over at a CAN socket",
     "heronry_wire/python_can.py": "what the kernel tells of a socket",
