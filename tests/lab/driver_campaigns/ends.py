@@ -219,6 +219,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             way = WAYS[number % len(WAYS)]
             ends.round(way)
             counts[way] += 1
+            flight.progress(number + 1, arguments.number, ends.failures)
         flight.look()
         lost = ends.lost()
         print(flight.counted())

@@ -30,6 +30,7 @@ class Flown:
         self.fleet, self._stream, self._folder = fleet, stream, folder
         self.events: list[events.Event] = []
         self._cleared = 0  # number of the first event whose fault has not been cleared
+        self._begun_s = time.monotonic()
 
     def device(self, name: str) -> Path:
         """Return the folder of the files that stand for a device."""
@@ -94,6 +95,11 @@ class Flown:
             and one.pe not in struck
             and not any(abs(at_ns - one.t_ns) < _BESIDE_NS for at_ns in stood_ns)
         ]
+
+    def progress(self, done: int, number: int, failures: list[str]) -> None:
+        """Print how far a campaign has come; whoever ends it early has at least this."""
+        took_s = time.monotonic() - self._begun_s
+        print(f"{done:6} of {number} after {took_s:.0f} s; failures: {len(failures)}", flush=True)
 
     def counted(self) -> str:
         """Return how many PEs were lost, and how many standstills were told."""

@@ -177,7 +177,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         left = arguments.number
         while left > 0 and len(strikes.failures) < 10:
             strikes.round(min(AT_ONCE, left))
-            left -= AT_ONCE
+            left -= min(AT_ONCE, left)
+            flight.progress(arguments.number - left, arguments.number, strikes.failures)
         lost = flight.lost_without_standstill(set())
         print(flight.counted())
     for what, times in sorted(strikes.became.items()):
