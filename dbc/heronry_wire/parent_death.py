@@ -12,7 +12,7 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def die_with(parent: int, by: signal.Signals = signal.SIGKILL) -> None:
-    """Have the kernel kill this process when the process `parent` ends; exit if `parent` has ended already.
+    """Have the kernel kill this process when the process `parent` ends; now, if `parent` has ended already.
 
     To be used only if the thread of `parent` that started this process lives as long as `parent`: the kernel
     already kills this process when that thread ends.
@@ -21,4 +21,4 @@ def die_with(parent: int, by: signal.Signals = signal.SIGKILL) -> None:
     """
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, by)
     if os.getppid() != parent:
-        os._exit(1)  # not SystemExit, which a handler after a fork ignores
+        os.kill(os.getpid(), by)  # not SystemExit, which a handler after a fork ignores

@@ -45,6 +45,7 @@ _INSTEAD: dict[str, object] = {
     "far": 1e6,
     "no value": [1, 2],
     "nothing": "nothing",
+    "open slowly": "open slowly",
 }
 
 
@@ -78,7 +79,10 @@ class FloodingSensor(FileSensor):
 
 
 class FileServo(ActuatorDriver):
-    """Writes its position to the file `register`, and every write with its time to `writes`."""
+    """Writes its position to the file `register`, and every write with its time to `writes`.
+
+    While the order is "open slowly", it does not get open, and names its process in the file `opening`.
+    """
 
     OPTIONS: ClassVar = {"folder": FOLDER, "longest_ms": Option("Longest time on.", int, 0)}
     LONGEST_COMMAND_MS: ClassVar = 500
@@ -87,6 +91,9 @@ class FileServo(ActuatorDriver):
         super().__init__(setup)
         self._folder = Path(setup.options["folder"])
         self._mishap = _Mishap(self._folder)
+        while self._mishap.happen() == "open slowly":
+            (self._folder / "opening").write_text(str(os.getpid()))
+            time.sleep(0.002)
 
     def command(self, value: float) -> float:
         self._mishap.happen()

@@ -6,6 +6,9 @@ The processes are real; files stand for the hardware (`drivers_that_misbehave`).
 import os
 import signal
 import socket
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from itertools import groupby, pairwise
@@ -15,7 +18,7 @@ from typing import ClassVar
 import pytest
 
 from heronry_agent.device_driver import ActuatorDriver
-from heronry_agent.shell.device_processes import driver_process
+from heronry_agent.shell.device_processes import driver_process, isolated
 from heronry_agent.shell.device_processes.driver_process import Line, _run
 from heronry_agent.shell.device_processes.isolated import IsolatedDevice
 from heronry_agent.shell.device_processes.judgement import ReadingRule
@@ -97,8 +100,21 @@ class Bench:
         """What was written to the servo, without repetitions."""
         return [value for value, _ in groupby(value for _, value in self.lines())]
 
+    def opening(self) -> int:
+        """The process that last began to open the servo slowly; 0: none."""
+        file = self.folder / "opening"
+        return int((file.read_text() if file.exists() else "") or 0)
+
     def failed(self) -> bool:
         return self.device.is_failed(time.monotonic_ns())
+
+
+def _wait(is_so: Callable[[], bool]) -> None:
+    """Wait, without a turn of the loop, until something is so."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not is_so() and time.monotonic() < end_s:
+        time.sleep(0.005)
+    assert is_so()
 
 
 @pytest.fixture
@@ -202,10 +218,7 @@ def test_an_agent_that_no_longer_renews_leaves_the_safe_action_to_the_process(
 ) -> None:
     bench.servo(safe=safe)
     bench.until(lambda: bench.command(5.0) == 5.0)
-    end_s = time.monotonic() + PATIENCE_S
-    while bench.register() != ends and time.monotonic() < end_s:
-        time.sleep(0.01)  # no turn of the loop: the agent is paused
-    assert bench.register() == ends
+    _wait(lambda: bench.register() == ends)  # no turn of the loop: the agent is paused
 
 
 def test_a_command_that_has_expired_is_not_revived_by_a_later_authorization(bench: Bench) -> None:
@@ -286,9 +299,7 @@ def test_a_paused_driver_writes_nothing_but_the_safe_value_when_it_goes_on(bench
     time.sleep(2 * LEASE_NS / 1e9)  # the agent is paused, too: nothing is renewed
     expired_ns = time.monotonic_ns()
     os.kill(bench.device.pid or 0, signal.SIGCONT)
-    end_s = time.monotonic() + PATIENCE_S
-    while bench.register() != "-1.0" and time.monotonic() < end_s:
-        time.sleep(0.01)
+    _wait(lambda: bench.register() == "-1.0")
     late = [
         line.split()[1]
         for line in (bench.folder / "writes").read_text().splitlines()
@@ -309,6 +320,78 @@ def test_a_command_that_is_no_number_is_refused(bench: Bench) -> None:
     bench.servo()
     with pytest.raises(TypeError, match="device servo moves by a number, not by 'up'"):
         bench.device.command("up", bench.turn())
+
+
+@pytest.mark.parametrize("when", ["at its start", "while it opens"])
+def test_a_process_that_is_ended_before_its_device_is_open_opens_it_and_takes_the_safe_action(
+    bench: Bench, when: str
+) -> None:
+    bench.servo(safe=-1.0)
+    bench.until(lambda: bench.command(5.0) == 5.0)
+    bench.order("open slowly")
+    struck = bench.device.pid or 0
+    os.kill(struck, signal.SIGKILL)
+    bench.until(lambda: bench.device.pid not in (None, struck))
+    if when == "while it opens":
+        bench.until(lambda: bench.opening() == bench.device.pid)
+    os.kill(bench.device.pid or 0, signal.SIGTERM)
+    assert bench.values()[-1] == "5.0"
+    bench.order("")
+    _wait(lambda: bench.register() == "-1.0")  # no turn of the loop: no successor
+
+
+AGENT = """
+import sys, time
+from pathlib import Path
+from agent.test_device_processes import Bench
+
+bench = Bench(Path(sys.argv[1])).servo(safe=-1.0)
+print(bench.device.pid, flush=True)
+while True:
+    bench.turn()
+    time.sleep(0.005)
+"""
+
+
+@pytest.mark.parametrize("when", ["at its start", "while it opens"])
+def test_an_agent_that_dies_before_a_device_is_open_leaves_a_process_that_takes_the_safe_action(
+    bench: Bench, when: str
+) -> None:
+    (bench.folder / "register").write_text("5.0")
+    bench.order("open slowly")
+    with subprocess.Popen([sys.executable, "-c", AGENT, str(bench.folder)], stdout=subprocess.PIPE, text=True) as agent:
+        assert agent.stdout is not None
+        driver = int(agent.stdout.readline())
+        if when == "while it opens":
+            _wait(lambda: bench.opening() == driver)
+        agent.kill()
+    assert bench.register() == "5.0"
+    bench.order("")
+    _wait(lambda: bench.register() == "-1.0")
+    bench.sensor()  # for the end of the test
+
+
+def test_an_end_in_order_waits_for_a_device_that_is_being_opened(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(isolated, "_CLOSES_NS", MS)
+    (bench.folder / "register").write_text("5.0")
+    bench.order("open slowly")
+    bench.servo(safe=-1.0)
+    bench.until(lambda: bench.opening() == bench.device.pid)
+    later = threading.Timer(0.3, bench.order, [""])
+    later.start()
+    bench.device.close()
+    later.join()
+    assert bench.register() == "-1.0"
+    bench.sensor()  # for the end of the test
+
+
+def test_an_end_in_order_beside_a_killed_process_leaves_the_safe_action_to_a_successor(bench: Bench) -> None:
+    bench.servo(safe=-1.0)
+    bench.until(lambda: bench.command(5.0) == 5.0)
+    os.kill(bench.device.pid or 0, signal.SIGKILL)
+    bench.device.close()
+    assert bench.register() == "-1.0"
+    bench.sensor()  # for the end of the test
 
 
 class CutShortError(Exception):

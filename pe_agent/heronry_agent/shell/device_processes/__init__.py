@@ -42,5 +42,9 @@ that write comes when the process goes on, with the safe action right behind it.
 the safe action. If the agent ends, its processes take the safe action immediately, and end.
 
 *Signals.* A process ignores SIGINT, since Ctrl-C is for the agent. SIGTERM and the death of the agent
-(PR_SET_PDEATHSIG) end it after the safe action; a sensor's process is killed.
+(PR_SET_PDEATHSIG) end it after the safe action; a sensor's process is killed. Only an open device can be made safe: so
+an actuator's process is born with SIGTERM blocked, opens its device whatever comes (within 20 s, after which SIGALRM
+ends it), and then obeys. An agent that ends in order starts a process once more if the last one was killed. Nobody is
+left only if the agent dies between the death of a driver and its restart: then the actuator stays where it is until an
+agent is started again, whose first act is the safe action.
 """

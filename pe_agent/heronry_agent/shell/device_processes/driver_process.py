@@ -32,6 +32,7 @@ _DESCRIPTORS = 65_536
 _NS_PER_S, _NS_PER_MS = 1_000_000_000, 1_000_000
 _LIVES_NS = 100_000_000  # a process that waits shows life so often
 _ACTUATORS_SETTLE_MS = 1_000
+_LONGEST_OPENING_S = 20  # of a driver that nobody but the kernel would end any more
 _LEAST_WAIT_NS = 1_000_000  # between two readings: a sensor that floods does not take the whole processor
 
 
@@ -144,6 +145,8 @@ def main(arguments: list[str]) -> int:
     agent, orders = int(arguments[0]), DeviceOrders.from_json(arguments[1])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends this process
     signal.signal(signal.SIGTERM, _end)
+    if orders.is_actuator:
+        signal.alarm(_LONGEST_OPENING_S)  # SIGTERM waits until the device is open, perhaps in vain
     die_with(agent, signal.SIGTERM if orders.is_actuator else signal.SIGKILL)
     for inherited in (SOCKET, MEMORY):
         os.set_inheritable(inherited, False)
@@ -177,9 +180,12 @@ def _run(orders: DeviceOrders, block: SharedBlock, line: Line) -> int:
     process = ActuatorProcess(driver, orders, block, line)
     # A dead agent closes the socket and sends SIGTERM, whose handler raises once, wherever this process is by then. If
     # it cuts the safe action short, that is taken again; if not, it is not touched again.
+    # It comes here at the earliest: until now it was blocked (`isolated`), since only an open device can be made safe.
     is_safe = False
     try:
         try:
+            signal.alarm(0)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
             _declare(block, _ACTUATORS_SETTLE_MS, driver.LONGEST_COMMAND_MS)
             process.run()
         finally:

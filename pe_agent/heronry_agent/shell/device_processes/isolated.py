@@ -245,6 +245,7 @@ class IsolatedDevice:
                         *_handed((theirs.fileno(), SOCKET), (self._memory, MEMORY)),
                     ],
                     setpgroup=0,
+                    setsigmask=[signal.SIGTERM] if self._orders.is_actuator else [],  # until it is open
                 )
         finally:
             log.handed_over()
@@ -267,21 +268,33 @@ class IsolatedDevice:
             self._log = None
 
     def close(self) -> None:
-        """End the process: it takes the safe action by itself when its socket is closed. It is killed if it hangs."""
+        """End the process: it takes the safe action by itself when its socket is closed. It is killed if it hangs.
+
+        If it was killed before it could do that, a successor does.
+        """
+        if self._ends_badly() and self._orders.is_actuator and not self._is_given_up:
+            self._start(time.monotonic_ns())
+            self._ends_badly()
+        self._block.close()
+        os.close(self._memory)
+
+    def _ends_badly(self) -> bool:
+        """Close the socket, and wait for the end of the process; tell whether that was not in order."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
-        until_ns = time.monotonic_ns() + _CLOSES_NS
+        until_ns = time.monotonic_ns() + (_CLOSES_NS if self._block[Word.LONGEST] else _STARTS_NS)
+        status = 1
         while self._pid is not None:
-            if os.waitpid(self._pid, os.WNOHANG)[0]:
+            pid, status = os.waitpid(self._pid, os.WNOHANG)
+            if pid:
                 self._let_go()
             elif time.monotonic_ns() > until_ns:
                 self._kill()
                 until_ns = NEVER_NS
             else:
                 time.sleep(0.002)
-        self._block.close()
-        os.close(self._memory)
+        return bool(status)
 
 
 def _handed(*pairs: tuple[int, int]) -> list[tuple[int, int, int]]:
