@@ -47,7 +47,10 @@ LONGEST_HOLD_DOWN_NS = 60_000_000_000
 """Longest hold-down: the hold-down doubles with each loss until it reaches this time."""
 
 FORGIVEN_AFTER_NS = 60_000_000_000
-"""After this time without a loss, the next loss no longer doubles the hold-down."""
+"""After this time without a loss, the next loss no longer doubles the hold-down.
+
+After this time without a failure, a module that was restarted counts as mended, and its restarts count anew.
+"""
 
 START_UP_WINDOW_NS = 5_000_000_000
 """How long a manager waits for PEs that it has never heard."""

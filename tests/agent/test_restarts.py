@@ -1,7 +1,8 @@
 """A module that fails is restarted a few times, later each time, and is then given up."""
 
 from agent.one_pe import MS
-from heronry_agent.core.restarts import BACK_OFF_NS, FORGIVEN_NS, Restarts
+from heronry_agent.core.restarts import BACK_OFF_NS, Restarts
+from heronry_wire.protocol_times import FORGIVEN_AFTER_NS
 from heronry_wire.sansio import NEVER_NS
 
 MODULE, OTHER = 3, 4
@@ -31,8 +32,8 @@ def test_one_that_is_wanted_again_after_it_was_given_up_has_a_new_budget() -> No
 def test_a_minute_without_a_failure_forgives() -> None:
     restarts = Restarts()
     assert failures(restarts, 1, 0)[0] == 1
-    assert failures(restarts, 1, FORGIVEN_NS + 1) == (1, 0)
-    assert restarts.failed(MODULE, 1, 2 * FORGIVEN_NS) is None
+    assert failures(restarts, 1, FORGIVEN_AFTER_NS + 1) == (1, 0)
+    assert restarts.failed(MODULE, 1, 2 * FORGIVEN_AFTER_NS) is None
 
 
 def test_a_module_without_a_budget_is_given_up_at_its_first_failure() -> None:

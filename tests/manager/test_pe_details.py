@@ -8,11 +8,12 @@ import pytest
 
 from heronry_manager import events
 from heronry_manager.core.reports.object_reader import SILENCE_NS
-from heronry_manager.core.vocabulary import AskStatus, AskTraceback, ManagerAction, OperatorSaid, Reply
+from heronry_manager.core.vocabulary import AskStatus, AskTraceback, ClearElement, ManagerAction, OperatorSaid, Reply
 from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.protocol_times import FORGIVEN_AFTER_NS
 from heronry_wire.protocol_version import PROTOCOL, Version
 from heronry_wire.sansio import Send
 from heronry_wire.sdo import LAST_SEGMENT, SIZE_GIVEN, TOGGLE, UPLOAD, UPLOAD_ANSWER, with_data, with_number
@@ -99,6 +100,33 @@ def test_why_a_module_failed_is_told_once_and_shown_in_the_status(manager: Readi
     assert kept["for_ns"] >= 30 * MS
     manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 2)
     assert [one.text for one in manager.told(events.ModuleFailed)] == [TEXT] * 2
+
+
+def failure(manager: Reading) -> tuple[str, bool]:
+    """The one module that has failed, and whether it is mended."""
+    (kept,) = manager.status()["failures"]
+    return kept["element"], kept["is_over"]
+
+
+def test_a_failure_is_over_when_its_fault_is_cleared_and_stays_known(manager: Reading) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
+    manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
+    assert [fault["element"] for fault in manager.status()["latched"]] == ["module:control@left"]
+    manager.pass_time(2 * FORGIVEN_AFTER_NS)
+    assert failure(manager) == ("module:control", False)
+    manager.give(OperatorSaid(1, ClearElement("module:control@left")))
+    assert failure(manager) == ("module:control", True)
+
+
+def test_a_restart_is_forgiven_after_a_minute_without_another(manager: Reading) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
+    manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 1)
+    manager.pass_time(FORGIVEN_AFTER_NS // 2)
+    manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 2)
+    manager.pass_time(FORGIVEN_AFTER_NS * 3 // 4)
+    assert failure(manager) == ("module:control", False)
+    manager.pass_time(FORGIVEN_AFTER_NS // 2)
+    assert failure(manager) == ("module:control", True)
 
 
 def test_a_hostile_text_is_made_plain(manager: Reading) -> None:

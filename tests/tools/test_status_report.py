@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from heronry_manager.core.vocabulary import AskStatus, FailElement, OperatorSaid, Order, Reply
+from heronry_manager.core.vocabulary import AskStatus, ClearElement, FailElement, OperatorSaid, Order, Reply
 from heronry_tools.reports.status import report
 from heronry_wire.authentication import Key
 from heronry_wire.canopen_objects import MODULE_FAILURES
@@ -100,6 +100,17 @@ def test_a_latched_fault_is_told_in_words_with_the_reason_that_its_pe_gives() ->
     other.emcy(FaultCode.REPORTED, 0, 7)
     (line,) = (line for line in told(other) if line.startswith("! module:"))
     assert line.endswith("reported by left, 0 s ago: a module there reports that it has failed, detail 7")
+
+
+def test_a_failure_whose_fault_was_cleared_is_told_and_is_no_trouble() -> None:
+    manager = Reading()
+    manager.start()
+    manager.objects[LEFT, MODULE_FAILURES, 1] = b"ValueError: no (control.py:3)"
+    manager.emcy(FaultCode.MODULE_EXCEPTION, 0)
+    manager.pass_time(3_000 * MS)
+    lines = told(manager, ClearElement("module:control@left"))
+    assert "mended: module:control failed on left, 3 s ago: ValueError: no (control.py:3)" in lines
+    assert not [line for line in lines if line.startswith("!")]
 
 
 def test_what_a_pe_holds_back_is_shown_with_its_cause(manager: OneManager) -> None:

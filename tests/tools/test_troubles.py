@@ -79,6 +79,16 @@ def test_each_trouble_is_named_alone_and_has_a_remedy(
     assert found.remedy
 
 
+@pytest.mark.parametrize("is_over", [{}, {"is_over": False}])
+def test_a_failure_that_is_over_is_no_trouble_and_any_other_is(status: Status, is_over: dict[str, bool]) -> None:
+    """A manager of an earlier version does not tell whether it is over."""
+    failure = {"element": "module:control", "by": "left", "text": "x", "for_ns": 0}
+    status["failures"] = [{**failure, "is_over": True}]
+    assert list(troubles(status)) == []
+    status["failures"] = [{**failure, **is_over}]
+    assert [one.check for one in troubles(status)] == ["module"]
+
+
 def test_a_function_that_nobody_wants_is_no_trouble(status: Status) -> None:
     status["functions"]["elevator"].update(served=False, wanted=False, why_not="no priority")
     assert list(troubles(status)) == []

@@ -5,8 +5,8 @@
                BACK_OFF_NS after its failure, and each further one after twice as long as the one before. `due` gives
                the modules whose time has come
     given up   the module has failed more than `budget` times (the number of restarts that the table allows), each time
-               within FORGIVEN_NS of the failure before. Its record is dropped: the manager has the report, and decides
-               where the module runs. If the module is started here again, its failures are counted from 0
+               within FORGIVEN_AFTER_NS of the failure before. Its record is dropped: the manager has the report, and
+               decides where the module runs. If the module is started here again, its failures are counted from 0
 
 If a partition ends, these modules count as failed:
 
@@ -18,10 +18,10 @@ The other modules of the partition are restarted immediately. A restart of the a
 
 from dataclasses import dataclass
 
+from heronry_wire.protocol_times import FORGIVEN_AFTER_NS
 from heronry_wire.sansio import NEVER_NS
 
 BACK_OFF_NS = 100_000_000
-FORGIVEN_NS = 60_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +46,12 @@ class Restarts:
     def failed(self, module: int, budget: int, now_ns: int) -> int | None:
         """Record a failure; returns the number of failures, including this one; None: the module is given up.
 
-        If the failure before was more than FORGIVEN_NS ago, counting starts again at 1.
+        If the failure before was more than FORGIVEN_AFTER_NS ago, counting starts again at 1.
 
         budget: the module is restarted after each of its first `budget` failures, and is given up after the next one.
         """
         record = self._records.get(module)
-        known = 0 if record is None or now_ns - record.last_ns > FORGIVEN_NS else record.failures
+        known = 0 if record is None or now_ns - record.last_ns > FORGIVEN_AFTER_NS else record.failures
         if known >= budget:
             self.forget(module)
             return None

@@ -188,7 +188,7 @@ def times() -> str:
         (
             "forgiveness",
             _time(promised.FORGIVEN_AFTER_NS),
-            "how long a PE must be available before its losses are forgiven",
+            "how long a PE must be available before its losses are forgiven, and a module run before its restarts are",
         ),
         (
             "patience",

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from heronry_manager.core.mastership import Mastership
-from heronry_tools.reports.troubles import element_troubles, table_troubles
+from heronry_tools.reports.troubles import element_troubles, mended, table_troubles
 
 _NS_PER_S = 1_000_000_000
 
@@ -47,6 +47,7 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     words = {"operator": "the operator", "module": "a module"}
     for name, changed in status["priorities"].items():
         yield f"! {name} has priority {changed['priority']}, set by {words[changed['by']]}"
+    yield from mended(status)
 
 
 def _script(script: Mapping[str, Any]) -> Iterator[str]:

@@ -97,9 +97,8 @@ def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
         reason = reasons.pop((module_of(fault["element"]), fault["by"]), None)
         yield _latched(fault, None if reason is None else reason["text"])
     for failure in reasons.values():
-        ago = failure["for_ns"] // _NS_PER_S
-        says = f"{failure['element']} failed on {failure['by']}, {ago} s ago: {failure['text']}"
-        yield Finding("module", says, f"heronry traceback {failure['element']}")
+        if not _is_over(failure):
+            yield Finding("module", _failed(failure), f"heronry traceback {failure['element']}")
     for bus, link in status["links"].items():
         if link["state"] == "gone":
             yield Finding("radio", f"bus:{bus} is gone: no frame comes from beyond it", "switch on what is beyond it")
@@ -118,6 +117,22 @@ def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     for phase in status["unwatched"]:
         says = f"no running module gives the variable that requests phase {phase}"
         yield Finding("phases", says, f"enter it yourself when it is time: heronry phase {phase}")
+
+
+def mended(status: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for the last failure of each module that is mended; it is no trouble any more."""
+    for failure in status["failures"]:
+        if _is_over(failure):
+            yield f"mended: {_failed(failure)}"
+
+
+def _is_over(failure: Mapping[str, Any]) -> bool:
+    return bool(failure.get("is_over", False))  # an older manager does not tell it
+
+
+def _failed(failure: Mapping[str, Any]) -> str:
+    ago = failure["for_ns"] // _NS_PER_S
+    return f"{failure['element']} failed on {failure['by']}, {ago} s ago: {failure['text']}"
 
 
 def _silent(silence: Mapping[str, Any]) -> Finding:

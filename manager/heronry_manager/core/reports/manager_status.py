@@ -19,7 +19,8 @@ and changes none.
                                   for_ns; null: there are none
     priorities      changed priorities, by function: priority, by ("operator" or "module")
     latched         list of element, by, code, detail, for_ns
-    failures        last failure of each module, as its PE reports it: list of element, by, text, for_ns
+    failures        last failure of each module, as its PE reports it: list of element, by, text, for_ns, is_over (its
+                    fault was cleared, or its restart has lasted)
     links           by name of the radio: state, limit (per mille of its bit rate, with which the manager plans), usable
                     (per mille of its bit rate, as reported last), delivered (per cent), queued, dropped
     channels        channels of replicated buses, by name (can0.1): the nodes that hear nothing on the channel
@@ -96,7 +97,7 @@ def status(
             {"element": f.element, "by": f.by, "code": f.code, "detail": f.detail, "for_ns": now_ns - f.since_ns}
             for f in situation.failed.all()
         ],
-        "failures": details.failures(),
+        "failures": details.failures(situation.failed.elements),
         "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
         "channels": situation.channels.lost_by(),
         "silences": silences.all(),

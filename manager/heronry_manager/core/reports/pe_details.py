@@ -5,6 +5,8 @@ The manager reads these details by SDO.
 *Failure of a module.* When an EMCY has reported the failure, the manager reads the reason, and emits it as an
 event. It keeps the last failure of each module. A PE that is busy may not answer. So the manager asks up to
 three times, two seconds apart. If it gets no answer, no event comes until the PE's next EMCY about the module.
+A failure that the PE mended by a restart is over after FORGIVEN_AFTER_NS; the PE, too, forgets it then. Any other
+failure latches a fault, and is over when that is cleared.
 
 *Traceback.* The manager reads it when the operator asks for it, from the PE that reported the last failure.
 
@@ -28,12 +30,13 @@ gateway forwards SDO. It keeps what it has read until it ends; another manager r
 `object_reader` says what lost, late, doubled and forged frames cause. No decision depends on these details.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from enum import Enum
 from functools import cache, partial
 from typing import Any
 
-from heronry_dg.situation import hosts_when_all_is_up
+from heronry_dg.situation import hosts_when_all_is_up, module_of
 from heronry_manager import events
 from heronry_manager.core.epochs import ANOTHER_TABLE
 from heronry_manager.core.mastership import Claim
@@ -42,7 +45,8 @@ from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC
 from heronry_wire.failure_text import plain_reason, plain_traceback
-from heronry_wire.protocol_times import t_lease_ns
+from heronry_wire.management import Emergency, FaultCode
+from heronry_wire.protocol_times import FORGIVEN_AFTER_NS, t_lease_ns
 from heronry_wire.protocol_version import PROTOCOL, Version
 from heronry_wire.sdo import read_number
 from heronry_wire.standstill import Standstills, StoodStill
@@ -61,6 +65,20 @@ class Look(Enum):
     SHOW = "the operator requests the status"
 
 
+@dataclass(frozen=True, slots=True)
+class _Failure:
+    """The last failure of a module.
+
+    by: the PE that gave the reason. at_ns: when the manager had read it. runs_again: the PE has restarted the module.
+    """
+
+    element: str
+    by: str
+    text: str
+    at_ns: int
+    runs_again: bool
+
+
 class PeDetails:
     """Reads the details that PEs store for people, and keeps them.
 
@@ -75,7 +93,7 @@ class PeDetails:
         self._node = f"manager {settings.node}"
         self._again_after_ns = t_lease_ns(settings.bus.heartbeat_ns)
         self._heard: dict[tuple[str, str], tuple[object, int]] = {}  # last EMCY by PE and module, and when it came
-        self._failures: dict[str, dict[str, Any]] = {}  # by element
+        self._failures: dict[str, _Failure] = {}  # by element
         self._standstills: dict[str, dict[str, int]] = {}  # by PE
         self._compared: dict[str, dict[str, int]] = {}  # by PE: with which the next ones are compared
         self._untold: set[str] = set()  # PEs of which a reading to report new standstills has not succeeded yet
@@ -90,7 +108,7 @@ class PeDetails:
         if self.own.count(event, self._turn.now_ns):
             self._turn.emit(events.StoodStill, by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
-    def failed(self, pe: str, element: str, emergency: object) -> None:
+    def failed(self, pe: str, element: str, emergency: Emergency) -> None:
         """Read from a PE why a module has failed, and report the reason in an event.
 
         The PE repeats its EMCY; a repetition of the same EMCY has no effect.
@@ -104,7 +122,8 @@ class PeDetails:
         def take(value: bytes | None) -> None:
             text = "" if value is None else plain_reason(value.decode("ascii", "replace"))
             if text:
-                self._failures[element] = {"element": element, "by": pe, "text": text, "at_ns": self._turn.now_ns}
+                runs_again = emergency.code is FaultCode.MODULE_RESTARTED
+                self._failures[element] = _Failure(element, pe, text, self._turn.now_ns, runs_again)
                 self._turn.emit(events.ModuleFailed, element=element, by=pe, text=text, heard_ns=heard_ns)
 
         self._read(pe, MODULE_FAILURES, self._position(pe, element), take, tries=_TRIES)
@@ -117,7 +136,7 @@ class PeDetails:
             known_ones = f"the known failures are those of {others}" if others else "no module has failed"
             answer(None, f"no failure of {element} is known to this manager: {known_ones}")
             return
-        pe = known["by"]
+        pe = known.by
 
         def take(value: bytes | None) -> None:
             if value:
@@ -125,7 +144,7 @@ class PeDetails:
             elif value is None:
                 answer(None, f"{pe} does not give the traceback of {element}: look into the log of its agent")
             else:
-                answer(None, f"{pe} has no traceback of {element}: no exception was raised ({known['text']})")
+                answer(None, f"{pe} has no traceback of {element}: no exception was raised ({known.text})")
 
         self._read(pe, MODULE_TRACEBACKS, self._position(pe, element), take)
 
@@ -212,17 +231,24 @@ class PeDetails:
         if not self._claim.is_active:
             self._reader.give_up()
 
-    def failures(self) -> list[dict[str, Any]]:
-        """Return the last failure of each module, oldest first, as a dict with four keys.
+    def failures(self, latched: Collection[str]) -> list[dict[str, Any]]:
+        """Return the last failure of each module, oldest first, as a dict with five keys.
 
         element: the module that has failed.
         by: the PE that reported the failure.
         text: the reason, as read from this PE.
         for_ns: time since the reason was read.
+        is_over: the module is mended, as far as this manager knows (head of this file).
+
+        latched: elements and places on which a fault is latched.
         """
-        now_ns = self._turn.now_ns
-        kept = sorted(self._failures.values(), key=lambda one: one["at_ns"])
-        return [{k: v for k, v in one.items() if k != "at_ns"} | {"for_ns": now_ns - one["at_ns"]} for one in kept]
+        failed, found = {module_of(one) for one in latched}, list[dict[str, Any]]()
+        for one in sorted(self._failures.values(), key=lambda one: one.at_ns):
+            for_ns = self._turn.now_ns - one.at_ns
+            is_over = one.element not in failed and (for_ns > FORGIVEN_AFTER_NS or not one.runs_again)
+            told = {"element": one.element, "by": one.by, "text": one.text}
+            found.append({**told, "for_ns": for_ns, "is_over": is_over})
+        return found
 
     def standstills(self, pe: str) -> Mapping[str, int] | None:
         """Return how often the computer of a PE has stood still; None: this was not read yet.
