@@ -19,7 +19,8 @@ node has the same number in both:
     1664..1792     data, allocated                       NOD, unassigned
     1884..1919     CANopen heartbeat of node n: 1792 + n UDL and DSD: free for the user
     1920..1953     actuator echo of PE n: 1828 + n       CANaerospace DSD: debug and download
-    1954..1999     bulk, debug                           DSD
+    1954..1987     checkpoint of PE n: 1862 + n          DSD
+    1988..1999     bulk, debug                           DSD
     2000..2031     node services, low channels 100..115  CANaerospace NSL, without 2020 and 2021 (CANopen LSS)
 
 Ranges: CANaerospace V1.7 p.4-5, CiA 301 section 7.3. CANopen SYNC, PDOs and LSS fall on CANaerospace
@@ -53,7 +54,7 @@ LSS_IDS = range(2020, 2022)
 GATEWAY_IDS = range(291, 300)
 STANDARD_DATA_IDS = range(300, 1500)
 ALLOCATED_DATA_IDS = (*range(1536, 1628), *range(1664, 1793))
-BULK_IDS = range(1954, 2000)
+BULK_IDS = range(1988, 2000)
 
 _EMCY_BASE = 128
 _STATE_BASE = 165
@@ -61,6 +62,7 @@ _SDO_RESPONSE_BASE = 1408
 _SDO_REQUEST_BASE = 1536
 _HEARTBEAT_BASE = 1792
 _ECHO_BASE = 1920 - FIRST_PE
+_CHECKPOINT_BASE = 1954 - FIRST_PE
 _MANAGEMENT_BASE = 200
 _MANAGEMENT_STEP = 10
 
@@ -95,6 +97,7 @@ class Use(Enum):
     ALLOCATED_DATA = auto()
     HEARTBEAT = auto()
     ACTUATOR_ECHO = auto()
+    CHECKPOINT = auto()
     BULK = auto()
     UNASSIGNED = auto()
 
@@ -145,6 +148,11 @@ def actuator_echo_id(node_id: int) -> int:
     return _ECHO_BASE + _checked(node_id, PE_NODES, "a PE")
 
 
+def checkpoint_id(node_id: int) -> int:
+    """Return the identifier of the checkpoints that a PE sends."""
+    return _CHECKPOINT_BASE + _checked(node_id, PE_NODES, "a PE")
+
+
 def management_id(manager: int, command: Command) -> int:
     """Return the identifier of a management command of a manager, whose node-ID is 126 or 127."""
     index = _checked(manager, MANAGER_NODES, "a manager") - FIRST_MANAGER
@@ -174,6 +182,7 @@ def planned_uses() -> Iterable[tuple[int, Meaning]]:
     for node in PE_NODES:
         yield state_id(node), Meaning(Use.STATE, node)
         yield actuator_echo_id(node), Meaning(Use.ACTUATOR_ECHO, node)
+        yield checkpoint_id(node), Meaning(Use.CHECKPOINT, node)
     for node in MANAGER_NODES:
         for command in Command:
             yield management_id(node, command), Meaning(Use.MANAGEMENT, node, command)

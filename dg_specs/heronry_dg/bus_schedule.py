@@ -8,6 +8,8 @@ The regular messages of a bus are, in the order of their priority:
     foreign      what other equipment sends, as the spec declares it; its place is that of its identifier
     heartbeat    the CANopen heartbeats, once a second
     echo         the echoes of the outputs that run, as often as the tables of the PEs say (`echo_rates`)
+    checkpoint   the states of modules, each as one message of all frames of a round; its response time is that of the
+                 last frame, which holds for every configuration (`checkpoints`)
 
 A foreign frame with a range of identifiers stands at the first of them, and has the response time of the last.
 
@@ -26,19 +28,22 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil
 
+from heronry_dg.checkpoints import carried, late_ns, period_ns
 from heronry_dg.configuration import Configuration
 from heronry_dg.echo_rates import EchoRates, outputs_of
 from heronry_dg.model import Bus, Spec
 from heronry_dg.response_times import Response, ResponseTimes, blocking_bits
-from heronry_dg.situation import Situation, survivors
+from heronry_dg.situation import Situation, Survivors, survivors
 from heronry_dg.traffic import Hop, bus_loads_mbit_per_s, frame_bits, hops
 from heronry_dg.uplinks import radios
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
+from heronry_wire.checkpoint_frames import frame_count
 from heronry_wire.frame import MAX_DATA_BYTES
 from heronry_wire.identifiers import (
     FIRST_MANAGER,
     Command,
     actuator_echo_id,
+    checkpoint_id,
     heartbeat_id,
     management_id,
     state_id,
@@ -48,6 +53,7 @@ from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse, worst_bit
 
 _NS_PER_S = 1_000_000_000
 _LOWER_BITS = 18  # of a 29-bit identifier
+_NOT_OF_THE_RESERVE = frozenset(("data", "foreign", "checkpoint"))  # kinds
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +61,12 @@ class ScheduledMessage:
     """One message on one bus; times are in nanoseconds, and worst cases are rounded up."""
 
     identifier: int  # the first of a range
-    kind: str  # management | data | foreign | heartbeat | echo
+    kind: str  # management | data | foreign | heartbeat | echo | checkpoint
     name: str  # name of the variable, or of the management frame
-    producer: str | None  # the module that gives the variable, or whose output is echoed
+    producer: str | None  # the module that gives the variable, or whose output is echoed, or whose state it is
     node: str  # the PE that sends it at its source, or "manager"
     data_bytes: int
-    bits: int  # of its longest frame
+    bits: int  # of its longest frame; of a checkpoint: of all frames of a round
     period_ns: int
     response_ns: int | None  # None: unbounded, or the bus is not analysed
     deadline_ns: int
@@ -91,9 +97,10 @@ class BusSchedule:
     messages: tuple[ScheduledMessage, ...]  # most urgent first
     data: Fraction
     data_limit: Fraction  # max_load - reserve, reduced where the bus is limited
-    management: Fraction  # all regular messages of the system that are not data
+    management: Fraction  # all regular messages of the system that are neither data nor checkpoints
     foreign: Fraction  # what other equipment sends
     blocking_ns: int  # longest frame that may have started just before a message is due
+    checkpoints: Fraction = Fraction(0)  # they share the limit of data
 
     def share(self, message: ScheduledMessage) -> Fraction:
         """Return the share of this bus's bit rate that a message takes at most."""
@@ -107,7 +114,12 @@ class BusSchedule:
     @property
     def together(self) -> Fraction:
         """The share that all regular messages take."""
-        return self.data + self.management + self.foreign
+        return self.data + self.checkpoints + self.management + self.foreign
+
+    @property
+    def data_fit(self) -> bool:
+        """Tell whether data and checkpoints fit into what the bus has for them."""
+        return self.data + self.checkpoints <= self.data_limit
 
     @property
     def reserve_left_frames_per_s(self) -> int:
@@ -142,7 +154,8 @@ def bus_schedules(
         echoes = _echoes(spec, bus, configuration, rates, every_echo=every_echo)
         below = [*_heartbeats(spec, bus, rates), *sorted(echoes, key=lambda echo: echo.identifier)]
         above = [*_above(spec, bus, rates), *(report for way, report in reports if bus.name in way)]
-        messages = _messages(bus, [*above, *_foreign(bus), *below], data, jitters)
+        states = _checkpoints(spec, left, configuration, bus.name)
+        messages = _messages(bus, [*above, *_foreign(bus), *below, *states], data, jitters)
         room = left.bus_mbit_per_s.get(bus.name)
         schedules.append(
             BusSchedule(
@@ -151,8 +164,9 @@ def bus_schedules(
                 messages=messages,
                 data=Fraction(loads[bus.name], 1000 * bus.bitrate),
                 data_limit=Fraction(room or 0, 1000 * bus.bitrate),
-                management=_load(bus, (message for message in messages if message.kind not in ("data", "foreign"))),
+                management=_load(bus, (message for message in messages if message.kind not in _NOT_OF_THE_RESERVE)),
                 foreign=_load(bus, (message for message in messages if message.kind == "foreign")),
+                checkpoints=_load(bus, (message for message in messages if message.kind == "checkpoint")),
                 blocking_ns=ceil(Fraction(blocking_bits(bus) * _NS_PER_S, bus.bitrate)),
             )
         )
@@ -210,7 +224,7 @@ def _messages(
     for number, one in enumerate(messages[:sure]):
         if one.last not in (None, one.identifier):
             messages[number] = replace(one, response_ns=_time_of_the_last(bus, given, one))
-        elif one.kind != "data":
+        elif one.kind not in ("data", "checkpoint"):
             messages[number] = replace(one, response_ns=times[number])
     return tuple(messages)
 
@@ -305,6 +319,29 @@ def _echoes(
                 period_ns = max(period_ns, _NS_PER_S // rates.of(running.pe))
             identifier = actuator_echo_id(spec.pes[running.pe].node_id)
             yield replace(_management("echo", identifier, "echo", running.pe, period_ns), producer=name)
+
+
+def _checkpoints(spec: Spec, left: Survivors, configuration: Configuration, bus: str) -> Iterator[ScheduledMessage]:
+    """Yield the checkpoints that a bus carries, in the order of their identifiers."""
+    there = [one for one in carried(left, configuration) if one.bus == bus]
+    for one in sorted(there, key=lambda one: spec.pes[one.pe].node_id):
+        checkpoint = spec.modules[one.module].checkpoint
+        assert checkpoint is not None
+        on_it = (pe.name for pe in spec.pes.values() if bus in pe.buses)
+        routes = (left.route(one.pe, pe) or () for pe in on_it)
+        way = max((route for route in routes if bus in route), key=len, default=(bus,))
+        yield ScheduledMessage(
+            identifier=checkpoint_id(spec.pes[one.pe].node_id),
+            kind="checkpoint",
+            name="checkpoint",
+            producer=one.module,
+            node=one.pe,
+            data_bytes=MAX_DATA_BYTES,
+            bits=frame_count(checkpoint.data_bytes) * WORST_BLOCKING_BITS,
+            period_ns=period_ns(checkpoint),
+            response_ns=late_ns(spec, checkpoint, way[: way.index(bus) + 1]),
+            deadline_ns=checkpoint.max_age_ns,
+        )
 
 
 def _management(

@@ -61,11 +61,11 @@ def _with_default(by_phase: dict[str, Any]) -> dict[str | None, Any]:
     return {None if phase == DEFAULT_PHASE else phase: value for phase, value in by_phase.items()}
 
 
-def _checkpoint(value: object) -> bool | int | str:
-    if isinstance(value, bool | str) or (isinstance(value, int) and value >= 0):
+def _checkpoint(value: object) -> object:
+    if isinstance(value, dict):
         return value
-    sentence = f"must be true, false, a whole number or a name, not {shown(value)}"
-    raise UnfitError(rules.WRONG_TYPE, sentence, "write checkpoint: true")
+    sentence = f"must say how the state is kept, not {shown(value)}"
+    raise UnfitError(rules.NOT_A_MAP, sentence, "write checkpoint: {bytes: 64, hz: 5, max_age_ms: 1000}")
 
 
 def _priority_range(value: object) -> tuple[int, int]:
@@ -193,7 +193,7 @@ Restarts = Annotated[int, Bounds(ge=0, le=MOST_RESTARTS)]
 Points = Annotated[int, Bounds(ge=0, le=MOST_POINTS)]
 Name = Annotated[str, Bounds(pattern=f"^{NAME_PATTERN}$")]
 PrintableText = Annotated[str, Bounds(min_length=1, max_length=64, pattern=r'^[^\x00-\x1f\x7f"\\]*$')]
-Checkpoint = Annotated[bool | int | str, Reading(_checkpoint, schema={"type": ["boolean", "integer", "string"]})]
+MapOfCheckpoint: Final = Reading(before=_checkpoint)  # so that the finding shows all three keys
 CriticalityByPhase = Annotated[Mapping[str | None, Criticality], _by_phase({"enum": list(CRITICALITIES)})]
 PriorityByPhase = Annotated[
     Mapping[str | None, Points], _by_phase({"type": "integer", "minimum": 0, "maximum": MOST_POINTS})

@@ -19,12 +19,15 @@ Two facts allow a plan to be kept after further faults.
 *Faults make no configuration legal that was not legal before.* A configuration that is legal with some elements down is
 also legal, and has the same value, if fewer elements are down. Suppose that a plan is the best with the faults F, and
 uses no element that the faults E take out of use. Then the plan is also the best with F and E together. This holds at
-all seven levels of the objective, as long as level 4 compares with the same running configuration.
+all seven levels of the objective, as long as level 4 compares with the same running configuration. There is one
+exception: if E takes a PE out of use to which checkpoints are sent (`receivers`), bandwidth gets free, and with it
+another configuration may become legal.
 """
 
+from heronry_dg.checkpoints import kept_modules
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
-from heronry_dg.situation import Situation, Survivors, survivors
+from heronry_dg.situation import Situation, Survivors, hosts_when_all_is_up, survivors
 
 
 def lost_elements(spec: Spec, now: Situation) -> frozenset[str]:
@@ -50,3 +53,9 @@ def used_elements(spec: Spec, configuration: Configuration) -> frozenset[str]:
         if device is not None:
             used.add(f"device:{device}")
     return frozenset(used)
+
+
+def receivers(spec: Spec) -> frozenset[str]:
+    """PEs to which the checkpoints of some module may be sent: those of each module that may run on several PEs."""
+    homes = (hosts_when_all_is_up(spec, spec.modules[name]) for name in kept_modules(spec))
+    return frozenset(f"pe:{pe}" for pes in homes if len(pes) > 1 for pe in pes)

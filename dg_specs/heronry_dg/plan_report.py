@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from heronry_dg.checkpoints import loads_mbit_per_s
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import serving_modules, value_of
@@ -37,7 +38,7 @@ class PeReport:
 
 @dataclass(frozen=True, slots=True)
 class BusReport:
-    """Bandwidth published on a bus, in bit/s (rounded down) and as a fraction of the bit rate."""
+    """Bandwidth that data and checkpoints take on a bus, in bit/s (rounded down) and as a fraction of the bit rate."""
 
     bits_per_s: int
     load: float
@@ -119,9 +120,11 @@ class Report:
 
     @cached_property
     def buses(self) -> Mapping[str, BusReport]:
-        """Bandwidth used on each bus."""
-        published = hops(self._left, self._configuration)
+        """Bandwidth used on each bus, by data and checkpoints."""
+        loads = bus_loads_mbit_per_s(self._spec, hops(self._left, self._configuration))
+        for bus, load in loads_mbit_per_s(self._left, self._configuration).items():
+            loads[bus] += load
         return {
             bus: BusReport(bits_per_s=load // 1000, load=load / (1000 * self._spec.buses[bus].bitrate))
-            for bus, load in bus_loads_mbit_per_s(self._spec, published).items()
+            for bus, load in loads.items()
         }

@@ -24,6 +24,7 @@ of violations does not depend on the order in the plan.
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
+from heronry_dg.checkpoints import loads_mbit_per_s
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.cycles import components, shortest_cycle
 from heronry_dg.findings import listed
@@ -358,12 +359,13 @@ def _pe_resources(case: _Case) -> Iterator[Violation]:
 
 def _bus_resources(case: _Case) -> Iterator[Violation]:
     loads = bus_loads_mbit_per_s(case.spec, hops(case.left, case.sound))
+    kept = loads_mbit_per_s(case.left, case.sound)
     for name, capacity in case.left.bus_mbit_per_s.items():
-        if loads[name] > capacity:
-            used, room = loads[name] / 1000, capacity / 1000
-            yield Violation(
-                "7.bus", f"bus {name}", f"modules publish {used:.3f} bit/s, but data may take only {room:.3f} bit/s"
-            )
+        if loads[name] + kept.get(name, 0) > capacity:
+            what = f"modules publish {loads[name] / 1000:.3f} bit/s"
+            if name in kept:
+                what += f", and their checkpoints take {kept[name] / 1000:.3f} bit/s"
+            yield Violation("7.bus", f"bus {name}", f"{what}, but data may take only {capacity / 1000:.3f} bit/s")
 
 
 # Semantics rule 8: placement rules

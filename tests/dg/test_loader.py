@@ -18,7 +18,21 @@ from heronry_dg import yaml_source
 from heronry_dg.findings import Findings, SpecError
 from heronry_dg.gates import And, Leaf, Or, Xor
 from heronry_dg.loader import load, loads
-from heronry_dg.model import Bus, Contingency, Demux, Device, Function, Manager, Mode, Module, Pe, Spec, Variable, When
+from heronry_dg.model import (
+    Bus,
+    Checkpoint,
+    Contingency,
+    Demux,
+    Device,
+    Function,
+    Manager,
+    Mode,
+    Module,
+    Pe,
+    Spec,
+    Variable,
+    When,
+)
 from heronry_dg.schema import spec_form
 from heronry_dg.shipped import UnknownSpecError, shipped_spec_names, shipped_spec_path
 from thoroughness import part_of
@@ -114,7 +128,7 @@ modules:
     partition: safe
     restarts: 5
     silent: fails
-    checkpoint: true
+    checkpoint: {{bytes: 40, hz: 2.5, max_age_ms: 800}}
     rate_per_h: 0.25
     modes:
       best: {{gives: {{altitude: 1, axes: 1}}, {RUNS}}}
@@ -150,9 +164,9 @@ contingency: {{faults: 3, phases: [land]}}
         "best": Mode("best", None, {"altitude": 1, "axes": 1}, 100, 1024, 10_000),
         "worst": Mode("worst", None, {"altitude": 2}, 0, 0, 1),
     }
-    pinned = frozenset({"fpu"})
+    pinned, kept = frozenset({"fpu"}), Checkpoint(40, 2500, 800_000_000)
     assert spec.modules["m"] == Module(
-        "m", "code", modes, "gps", ("nav",), pinned, 1536, "safe", 5, "fails", True, rate_per_h=Fraction(1, 4)
+        "m", "code", modes, "gps", ("nav",), pinned, 1536, "safe", 5, "fails", kept, rate_per_h=Fraction(1, 4)
     )
     assert list(spec.modules["n"].modes) == ["only"]
     function = spec.functions["f"]

@@ -120,7 +120,19 @@ MODULES = [
     (f"{{driver: {{{RUNS}, device: »gsp}}}}", "no device is named 'gsp' (did you mean 'gps'?)"),
     (f"{{driver: {{{RUNS}, runs_on: [»nva]}}}}", "no PE is named 'nva' (did you mean 'nav'?)"),
     (f"{{driver: {{{RUNS}, runs_on: »[]}}}}", "must be a list of 1 or more"),
-    (f"{{driver: {{{RUNS}, checkpoint: »0.5}}}}", "must be true, false, a whole number or a name, not 0.5"),
+    *(
+        (f"{{driver: {{{RUNS}, checkpoint: »{value}}}}}", f"must say how the state is kept, not {value}")
+        for value in ("true", "0.5", "3", "'all'")
+    ),
+    (f"{{driver: {{{RUNS}, checkpoint: »{{bytes: 8}}}}}}", "(checkpoint) lacks 'hz' and 'max_age_ms'"),
+    (
+        f"{{driver: {{{RUNS}, checkpoint: {{bytes: »1276, hz: 5, max_age_ms: 100}}}}}}",
+        "'checkpoint.bytes' of module 'driver' must be at most 1275, not 1276",
+    ),
+    (
+        f"{{driver: {{{RUNS}, checkpoint: {{bytes: 8, hz: »0, max_age_ms: 100}}}}}}",
+        "'checkpoint.hz' of module 'driver' must be more than 0, not 0",
+    ),
     (f"{{driver: {{{RUNS}, gives: {{»altitud: 1}}}}}}", "no variable is named 'altitud' (did you mean 'altitude'?)"),
     (
         f"{{driver: {{{RUNS}, gives: {{altitude: »4}}}}}}",

@@ -2,6 +2,7 @@
 
     PYTHONPATH=tests python -m planner.comparison 0 5000            seeds 0 to 4999; every other one on a chain of buses
     PYTHONPATH=tests python -m planner.comparison 0 500 --modules 8
+    PYTHONPATH=tests python -m planner.comparison 0 500 --checkpoints
 
 A disagreement is printed with its seed, and makes the exit code 1.
 """
@@ -14,8 +15,9 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 
+from heronry_dg.checkpoints import loads_mbit_per_s
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path, leaves
-from heronry_dg.model import Bus, Demux, Manager, Pe
+from heronry_dg.model import Bus, Demux, Manager, Pe, Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import hops
@@ -28,6 +30,7 @@ from planner.random_specs import (
     random_case,
     random_running,
     random_situation,
+    with_checkpoints,
     with_phase_inputs_and_priorities,
 )
 
@@ -118,6 +121,13 @@ def compare(case: Case) -> tuple[str | None, set[str]]:
     found = plan(case.spec, case.now, case.running)
     broken = verify(case.spec, case.now, found.configuration)
     used = set(_used(case, found)) | {f"binding {reason}" for reason in enumerator.rejected if reason}
+    kept = any(module.checkpoint is not None for module in case.spec.modules.values())
+    if (
+        kept
+        and found.objective.key()
+        < Enumerator(_without_checkpoints(case.spec), case.now).best(case.running, most=MOST_STRUCTURES)[0]
+    ):
+        used.add("binding checkpoints")
     if {"binding bus", "gateway crossed"} <= used:
         used.add("binding bus beside a gateway")
     if broken:
@@ -125,6 +135,10 @@ def compare(case: Case) -> tuple[str | None, set[str]]:
     if found.objective.key() != best:
         return f"the plan is worth {found.objective.key()}, the best is {best}", used
     return (None if found.optimal else "the best plan was found but not proven"), used
+
+
+def _without_checkpoints(spec: Spec) -> Spec:
+    return replace(spec, modules={name: replace(one, checkpoint=None) for name, one in spec.modules.items()})
 
 
 def _used(case: Case, found: Plan) -> Iterator[str]:
@@ -164,6 +178,8 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
         "priority changed to 0": 0 in case.now.priorities.values(),
         "something unserved": any(not found.functions[function.name].served for function in wanted),
     }
+    if any(load for load in loads_mbit_per_s(survivors(case.spec, case.now), configuration).values()):
+        yield "checkpoints"
     yield from (word for word, holds_here in shown.items() if holds_here)
 
 
@@ -202,12 +218,16 @@ def main() -> int:
     parser.add_argument("first", type=int)
     parser.add_argument("end", type=int)
     parser.add_argument("--modules", type=int, default=6, help="most modules of a spec")
+    parser.add_argument("--checkpoints", action="store_true", help="let about half of the modules have a checkpoint")
     arguments = parser.parse_args()
     counts: Counter[str] = Counter()
     for seed in range(arguments.first, arguments.end):
         draw = crossing_case if seed % 2 else random_case
+        case = draw(random.Random(seed), modules=arguments.modules)
+        if arguments.checkpoints:
+            case = with_checkpoints(random.Random(seed), case)
         try:
-            wrong, used = compare(draw(random.Random(seed), modules=arguments.modules))
+            wrong, used = compare(case)
         except TooManyError:
             counts["too large"] += 1
             continue

@@ -268,7 +268,9 @@ class Enumerator:
 
     def _refused_by_buses(self, structure: Structure, places: Mapping[str, str]) -> str:
         ways = self.published(structure, places)
-        for bus, load in self._loads(structure, ways).items():
+        loads = Counter(self._loads(structure, ways))
+        loads.update(self._checkpoints(places))
+        for bus, load in loads.items():
             element = self.spec.buses[bus]
             share = self.now.limits.get(f"bus:{bus}", Fraction(1))
             foreign = sum(Fraction(10**9 * self._foreign_bits(one), one.period_ns) for one in element.foreign)
@@ -283,6 +285,32 @@ class Enumerator:
             for beginning in beginnings:
                 loads[beginning[-1]] += self._bits(variable) * structure.modes[producer].rate_mhz
         return loads
+
+    def _checkpoints(self, places: Mapping[str, str]) -> Counter[str]:
+        """Thousandths of a bit/s that checkpoints take, by rule 7: each on every wired bus towards another home."""
+        loads: Counter[str] = Counter()
+        for name, pe in places.items():
+            module = self.spec.modules[name]
+            if module.checkpoint is None:
+                continue
+            frames = 1 + sum(1 for _ in range(0, module.checkpoint.data_bytes, 5))
+            towards = {bus for other in self._homes(name) if other != pe for bus in self.ways.get((pe, other), ())}
+            for bus in towards:
+                if self.spec.buses[bus].kind == "wired":
+                    loads[bus] += frames * 135 * module.checkpoint.rate_mhz
+        return loads
+
+    def _homes(self, name: str) -> list[str]:
+        """Every PE that could ever carry a module."""
+        module = self.spec.modules[name]
+        bolted = None if module.device is None else self.spec.devices[module.device].pe
+        return [
+            pe.name
+            for pe in self.spec.pes.values()
+            if bolted in (None, pe.name)
+            and (module.runs_on is None or pe.name in module.runs_on)
+            and not module.requires - pe.features
+        ]
 
     def _bits(self, variable: str) -> int:
         return 55 + 10 * (4 + PAYLOAD_BYTES[self.spec.variables[variable].type])

@@ -16,6 +16,7 @@ from heronry_dg.field_types import Criticality
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor, holds, leaves, with_leaves
 from heronry_dg.model import (
     Bus,
+    Checkpoint,
     Demux,
     Device,
     Foreign,
@@ -58,6 +59,20 @@ def with_phase_inputs_and_priorities(rng: random.Random, case: Case) -> Case:
     """Let some inputs be open in some phases only, and change some priorities."""
     spec = with_phase_inputs(rng, case.spec)
     return Case(spec, replace(case.now, priorities=random_priorities(rng, spec)), case.running)
+
+
+def with_checkpoints(rng: random.Random, case: Case) -> Case:
+    """Let about half of the modules have their state kept; a short one at a low rate, or one that fills a bus."""
+    kept = {
+        name: replace(
+            module,
+            checkpoint=Checkpoint(rng.choice((1, 5, 6, 40, 200)), rng.choice((1000, 2500, 20_000)), 1_000_000_000)
+            if rng.random() < 0.5
+            else None,
+        )
+        for name, module in case.spec.modules.items()
+    }
+    return replace(case, spec=replace(case.spec, modules=kept))
 
 
 def random_spec(rng: random.Random, *, modules: int = 7) -> Spec:

@@ -20,7 +20,7 @@ CODECS = frozenset(
     f"heronry_wire/{name}.py"
     for name in (
         *("authentication", "canaerospace", "command_tags", "configuration_slice", "contingency_block", "controller"),
-        *("gateway_report", "layout", "management", "nmt", "sdo", "state_frames"),
+        *("checkpoint_frames", "gateway_report", "layout", "management", "nmt", "sdo", "state_frames"),
     )
 )
 OTHER_BYTES = {

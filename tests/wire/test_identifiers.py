@@ -60,7 +60,9 @@ def test_what_the_plan_gives_is_what_a_receiver_reads() -> None:
         (1919, Meaning(Use.HEARTBEAT, 127)),
         (1920, Meaning(Use.ACTUATOR_ECHO, 92)),
         (1953, Meaning(Use.ACTUATOR_ECHO, 125)),
-        (1954, Meaning(Use.BULK)),
+        (1954, Meaning(Use.CHECKPOINT, 92)),
+        (1987, Meaning(Use.CHECKPOINT, 125)),
+        (1988, Meaning(Use.BULK)),
         (1999, Meaning(Use.BULK)),
         (2000, Meaning(Use.NODE_SERVICE)),
         (2020, Meaning(Use.UNASSIGNED)),  # CANopen LSS

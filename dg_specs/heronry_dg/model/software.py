@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 from heronry_dg.field_types import (
     MOST_VERSIONS,
-    Checkpoint,
     Cpu,
     Criticality,
     CriticalityByPhase,
     DataTypeName,
     Initial,
     Labels,
+    MapOfCheckpoint,
     Memory,
     Names,
     Period,
@@ -28,6 +28,7 @@ from heronry_dg.field_types import (
 from heronry_dg.gates import Expression, Leaf, leaves, with_leaves
 from heronry_dg.keys import Bounds, Found, Key
 from heronry_dg.model.fallible import Fallible
+from heronry_wire.checkpoint_frames import MOST_STATE_BYTES
 from heronry_wire.identifiers import STANDARD_DATA_IDS
 
 
@@ -103,6 +104,26 @@ class Mode:
 
 
 @dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """How the state of a module is kept, so that the module goes on from it where it starts anew."""
+
+    data_bytes: Annotated[
+        int,
+        Bounds(ge=1, le=MOST_STATE_BYTES),
+        Key("Most bytes of the state: 8 for each number that `save` returns.", 64, called="bytes"),
+    ]
+    rate_mhz: Annotated[
+        Rate, Key("How often the state is saved and sent to the other possible PEs, in Hz.", 5, called="hz")
+    ]
+    max_age_ns: Annotated[
+        Period,
+        Key(
+            "Age in ms above which the state is not used: the module then starts without it.", 1000, called="max_age_ms"
+        ),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
 class Module(Fallible):
     """A piece of software that is started, stopped and moved as a whole."""
 
@@ -147,7 +168,11 @@ class Module(Fallible):
         ),
     ] = "told"
     checkpoint: Annotated[
-        Checkpoint | None, Key("Whether, or how, the module's state is kept for a restart on another PE.", True)
+        Annotated[Checkpoint, MapOfCheckpoint] | None,
+        Key(
+            "How the module's state is kept for a start after a failure, also on another PE; not at all if left out.",
+            {"bytes": 64, "hz": 5, "max_age_ms": 1000},
+        ),
     ] = None
 
     def in_phase(self, phase: str | None) -> "Module":

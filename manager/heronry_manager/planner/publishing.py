@@ -14,6 +14,7 @@ literal for each rate. `heronry_manager.planner.deadlines` adds the deadlines (s
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 
+from heronry_dg.checkpoints import carriers, frames_mbit_per_s
 from heronry_dg.situation import Survivors
 from heronry_dg.traffic import Hop, source_mbit_per_s
 from heronry_manager.planner.candidates import Candidates
@@ -45,7 +46,9 @@ class Publishing:
             for bus, parts in sides.items():
                 self._publish(link, literals, bus, parts)
         self._split_by_rate()
-        for bus, terms in self.bandwidth.items():
+        kept = self._checkpoints()
+        for bus, published in self.bandwidth.items():
+            terms = [*published, *kept.get(bus, ())]
             if sum(weight for _, weight in terms) > possible.left.bus_mbit_per_s[bus]:
                 model.add(weighted(terms) <= possible.left.bus_mbit_per_s[bus])
 
@@ -165,6 +168,16 @@ class Publishing:
                 mode = self._possible.spec.modules[producer].modes[modes[0]]
                 weight = source_mbit_per_s(self._possible.spec, variable, mode)
                 self.bandwidth[bus].append((message, weight))
+
+    def _checkpoints(self) -> dict[str, Terms]:
+        """Return what checkpoints add to the load of each bus; levels do not count it, so it is not in `bandwidth`."""
+        left, kept = self._possible.left, dict[str, Terms]()
+        for (name, pe), literal in self._placing.at.items():
+            module = left.spec.modules[name]
+            if module.checkpoint is not None:
+                for bus in carriers(left, module, pe):
+                    kept.setdefault(bus, []).append((literal, frames_mbit_per_s(module.checkpoint)))
+        return kept
 
     def _rates(self, producer: str, variable: str) -> Mapping[int, list[str]]:
         rates: dict[int, list[str]] = {}

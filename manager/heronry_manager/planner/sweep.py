@@ -4,9 +4,10 @@ The sweep takes the smaller fault sets first. For each set, the phase's fault-fr
 (docs/semantics.md, faults). A set is settled without a search in two cases:
 
     by a plan    The set without one of its elements was settled before. If its plan uses nothing that the whole set
-                 takes out of use, this plan is also the best one for the whole set (`heronry_dg.losses` has the proof).
-                 The whole set inherits the plan with its value. If the plan is not proven to be the best, it is not
-                 proven for the whole set either. Its upper bounds still hold, since more faults make no plan better
+                 takes out of use, and no PE to which checkpoints are sent gets lost, this plan is also the best one for
+                 the whole set (`heronry_dg.losses` has the proof). The whole set inherits the plan with its value. If
+                 the plan is not proven to be the best, it is not proven for the whole set either. Its upper bounds
+                 still hold, since such faults make no plan better
     by a twin    Another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
                  has a purpose, and the same routes between these PEs. Then both sets have the same plan. The usual case
                  is a device and the only module that drives it
@@ -25,8 +26,9 @@ from dataclasses import dataclass
 from itertools import combinations
 from math import comb
 
+from heronry_dg.checkpoints import kept_modules
 from heronry_dg.configuration import Configuration
-from heronry_dg.losses import lost_of, used_elements
+from heronry_dg.losses import lost_of, receivers, used_elements
 from heronry_dg.model import Spec
 from heronry_dg.objective import Objective, Placement, placement
 from heronry_dg.situation import Situation, Survivors, places, survivors
@@ -118,6 +120,7 @@ class Sweep:
         self.tally = Tally()
         self._spec, self._scope, self._prune = spec, scope, prune
         self._twins: dict[tuple[Phase, object], FaultSet] = {}
+        self._receivers = receivers(spec)  # the loss of one may make a plan better, as if each plan used it
         self._used: dict[int, frozenset[str]] = {}  # by `id` of an outcome; outcomes are kept, so it is unique
 
     def run(self, ask: Ask) -> None:
@@ -209,7 +212,7 @@ class Sweep:
     def _settle(self, phase: Phase, down: FaultSet, outcome: Outcome) -> None:
         self.outcomes[phase, down] = outcome
         if id(outcome) not in self._used:
-            self._used[id(outcome)] = used_elements(self._spec, outcome.configuration)
+            self._used[id(outcome)] = used_elements(self._spec, outcome.configuration) | self._receivers
 
 
 def places_in_use(spec: Spec, configuration: Configuration) -> list[str]:
@@ -235,10 +238,11 @@ def choice_of(possible: Candidates) -> object:
     """Return the choice that a fault set leaves, as one value: which modes may run on which PEs, and the routes.
 
     If no radio is limited, fault sets with equal values have the same best plan in a phase. PEs on which nothing may
-    run, and routes to them, are left out, since no legal configuration uses them.
+    run, and routes to them, are left out, since no legal configuration uses them; but checkpoints are sent to them.
     """
     pes = {pe for candidate in possible.modules.values() for pe in candidate.pes()}
     return (
         tuple((name, tuple(candidate.hosts.items())) for name, candidate in possible.modules.items()),
         frozenset((ends, route) for ends, route in possible.left.routes.items() if pes.issuperset(ends)),
+        tuple(possible.left.pe_cpu_millis) if any(kept_modules(possible.spec)) else (),
     )

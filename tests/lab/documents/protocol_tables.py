@@ -29,6 +29,7 @@ _USES = {
     Use.ALLOCATED_DATA: "data, allocated",
     Use.HEARTBEAT: "CANopen heartbeat of node n",
     Use.ACTUATOR_ECHO: "output echo of PE n",
+    Use.CHECKPOINT: "checkpoints of PE n",
     Use.BULK: "bulk and debug; not used yet",
     Use.UNASSIGNED: "not assigned",
 }

@@ -40,8 +40,8 @@ def _is_kept(schedule: BusSchedule) -> bool:
     """
     late = schedule.bus.kind == "wired" and any(m.slack_ns is None or m.slack_ns < 0 for m in schedule.messages)
     if not schedule.is_up:
-        return schedule.data <= schedule.data_limit
-    return schedule.data <= schedule.data_limit and schedule.management_fits and not late
+        return schedule.data_fit
+    return schedule.data_fit and schedule.management_fits and not late
 
 
 def _check_bus(spec: Spec, bus: str | None) -> None:

@@ -50,6 +50,8 @@ def _totals(schedule: BusSchedule) -> Iterator[Sequence[Cell]]:
         yield "", Bad("is down")
         return
     yield "data", _share(schedule.data, schedule.data_limit)
+    if schedule.checkpoints:
+        yield "checkpoints", _share(schedule.checkpoints, schedule.data_limit - schedule.data)
     yield "management", _share(schedule.management, bus.reserve)
     yield "", f"the reserve has room for {schedule.reserve_left_frames_per_s} frames/s more"
     if bus.foreign:
@@ -103,6 +105,7 @@ def _bus_document(schedule: BusSchedule) -> dict[str, object]:
         "up": schedule.is_up,
         "data_load": float(schedule.data),
         "data_limit": float(schedule.data_limit),
+        "checkpoint_load": float(schedule.checkpoints),
         "management_load": float(schedule.management),
         "foreign_load": float(schedule.foreign),
         "reserve": float(bus.reserve),

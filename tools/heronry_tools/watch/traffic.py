@@ -27,6 +27,7 @@ _KIND_OF = {
     Use.GATEWAY: "states",
     Use.STANDARD_DATA: "data",
     Use.ALLOCATED_DATA: "data",
+    Use.CHECKPOINT: "data",
     Use.ACTUATOR_ECHO: "echoes",
     Use.NODE_SERVICE: "services",
     Use.NMT: "services",

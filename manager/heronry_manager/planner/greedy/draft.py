@@ -33,6 +33,7 @@ class Draft:
     __slots__ = (
         "_cpu_of",
         "_flash_of",
+        "_kept",
         "_leaves_of",
         "_load",
         "_ram_of",
@@ -82,6 +83,7 @@ class Draft:
         self._separate, self._together, self._rivals = tables.rules.separate, tables.rules.together, tables.rules.rivals
         self._route, self._load, self._variable = tables.routes.route, tables.routes.load, tables.leaves.variable
         self._leaves_of = tables.leaves.of_mode
+        self._kept = scene.kept  # of modules with a checkpoint: what these take of the buses, by PE
 
     # The trail
 
@@ -120,7 +122,15 @@ class Draft:
         if here & self._separate[module] or self._together[module] & self.running & ~here:
             self.refused = True
             return False
+        if self._kept and any(load > self.bus_room[bus] for bus, load in self._keeps(module, pe)):
+            self.refused = True
+            return False
         return not self._rivals[module] & self.running
+
+    def _keeps(self, module: int, pe: int) -> tuple[tuple[int, int], ...]:
+        """Return what the checkpoints of a module on `pe` take: (bus, load) for each bus."""
+        found = self._kept.get(module)
+        return () if found is None else found[pe]
 
     def start(self, module: int, mode: int, pe: int) -> None:
         """Start a module on a PE where it `fits`; it has no wires yet."""
@@ -141,6 +151,9 @@ class Draft:
         bit = 1 << module
         self.on[pe] |= bit
         self.running |= bit
+        if self._kept:
+            for bus, load in self._keeps(module, pe):
+                self.bus_room[bus] -= load
 
     def _leave(self, module: int) -> None:
         mode, pe = self.mode[module], self.pe[module]
@@ -151,6 +164,9 @@ class Draft:
         bit = 1 << module
         self.on[pe] ^= bit
         self.running ^= bit
+        if self._kept:
+            for bus, load in self._keeps(module, pe):
+                self.bus_room[bus] += load
 
     # Wires
 

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from heronry_dg.situation import Situation, survivors
+from heronry_dg.checkpoints import frames_mbit_per_s
+from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import frame_bits
 from heronry_manager.planner.greedy.numbering import Numbering
 
@@ -22,6 +23,8 @@ class Routes:
     never: int
     bits: list[int]  # by variable: bits of a frame
     load: list[dict[int, int]]  # by variable: mode -> thousandths of a bit/s
+    kept: dict[int, tuple[int, int]]  # module with a checkpoint -> thousandths of a bit/s, set of its possible PEs
+    wired: frozenset[int]  # buses
 
 
 def routed(numbers: Numbering) -> Routes:
@@ -44,6 +47,15 @@ def routed(numbers: Numbering) -> Routes:
             {number: of_one * mode.rate_mhz for number, (_, mode) in enumerate(numbers.modes) if name in mode.gives}
             for name, of_one in zip(numbers.variables, bits, strict=True)
         ],
+        kept={
+            number: (
+                frames_mbit_per_s(module.checkpoint),
+                sum(1 << numbers.pe_number[pe] for pe in hosts_when_all_is_up(spec, module)),
+            )
+            for number, module in enumerate(numbers.modules)
+            if module.checkpoint is not None
+        },
+        wired=frozenset(number for number, bus in enumerate(numbers.buses) if bus.kind == "wired"),
     )
 
 

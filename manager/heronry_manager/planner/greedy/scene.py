@@ -22,6 +22,8 @@ from heronry_manager.planner.greedy.numbering import element_numbers
 from heronry_manager.planner.greedy.orders import Orders
 from heronry_manager.planner.greedy.tables import Tables
 
+_NOTHING: Mapping[int, list[tuple[tuple[int, int], ...]]] = {}
+
 
 @dataclass(frozen=True, slots=True)
 class Scene:
@@ -32,6 +34,7 @@ class Scene:
     cpu: list[int]  # by PE, thousandths
     bus_room: list[int]  # by bus: thousandths of a bit/s for data
     possible: int  # set of modes
+    kept: Mapping[int, list[tuple[tuple[int, int], ...]]]  # module -> by PE: what its checkpoints take of which buses
 
 
 class Scenery:
@@ -69,7 +72,21 @@ class Scenery:
                 gone |= modes
         if pes != self._pes or now.limits or hosts is not tables.sizes.hosts:
             gone |= self._homeless(hosts, pes, cpu, limited=bool(now.limits))
-        return Scene(pes, hosts, cpu, bus_room, self._without(gone & self._possible))
+        kept = self._kept(pes) if tables.routes.kept else _NOTHING
+        return Scene(pes, hosts, cpu, bus_room, self._without(gone & self._possible), kept)
+
+    def _kept(self, pes: int) -> dict[int, list[tuple[tuple[int, int], ...]]]:
+        """Return what the checkpoints of each module take if it runs on a PE, while the PEs in the set `pes` are up.
+
+        The result has, by module and PE, (bus, thousandths of a bit/s) of each bus that carries these checkpoints.
+        """
+        routes = self._tables.routes
+        kept: dict[int, list[tuple[tuple[int, int], ...]]] = {}
+        for module, (load, homes) in routes.kept.items():
+            others = [number for number in range(len(self._cpu)) if (homes & pes) >> number & 1]
+            reached = [{bus for other in others for bus in way[other]} for way in routes.route]  # by PE
+            kept[module] = [tuple((bus, load) for bus in sorted(routes.wired & buses)) for buses in reached]
+        return kept
 
     def _hosts(self, now: Situation) -> list[int]:
         """Return, for each mode, the set of PEs that could run the mode, as the bits of an integer.
