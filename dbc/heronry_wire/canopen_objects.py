@@ -27,7 +27,7 @@ PROGRAM_DATA, PROGRAM_CONTROL = 0x1F50, 0x1F51
 STATE, SPEC, MASTERSHIP = 0x2000, 0x2001, 0x2002
 MODULE_NAMES, MODULE_INDICES, MODULE_IMAGES, MODULE_STATES, MODULE_MODES = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 MODULE_FAILURES, MODULE_TRACEBACKS = 0x2015, 0x2016
-TABLE, COUNTERS, TIME = 0x2020, 0x2021, 0x2022
+TABLE, COUNTERS, TIME, COST = 0x2020, 0x2021, 0x2022, 0x2023
 
 ERRORS_KEPT = 8
 LARGEST_INDEX = 0xFFF  # of an element, in an error of the error history
@@ -292,6 +292,17 @@ OBJECTS: tuple[Entry, ...] = (
         (
             Variable("Time stamp", _U32, meaning="as it was sent (CANaerospace node service 1)"),
             Variable("Age", _U32, meaning="ms since then; FFFF FFFFh: none was heard"),
+        ),
+    ),
+    Entry(
+        COST,
+        "Cost of this node in the last 10 s",
+        Kind.RECORD,
+        (
+            Variable("Wake-ups of the agent", _U32, meaning="per second; FFFF FFFFh: not measured"),
+            Variable("Processor time of the agent", _U32, meaning="per mille of a core"),
+            Variable("Processor time of partitions and drivers", _U32, meaning="per mille of a core"),
+            Variable("Longest turn of the agent", _U32, meaning="us"),
         ),
     ),
 )

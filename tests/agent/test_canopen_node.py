@@ -19,6 +19,7 @@ from agent.one_pe import (
     OnePe,
     pages,
 )
+from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.canopen.network_management import NetworkManagement
 from heronry_agent.core.vocabulary import Action, ImagesMissing, Note, StartFailed
 from heronry_wire.canopen_objects import SHORTEST_HEARTBEAT_MS
@@ -26,6 +27,7 @@ from heronry_wire.eds import eds_text
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import FaultCode, Lease, Step
+from heronry_wire.node_cost import NodeCost
 from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.sansio import Send
 from heronry_wire.standstill import StoodStill
@@ -126,6 +128,17 @@ def test_it_counts_the_standstills_of_its_computer(master: Master) -> None:
     master.pe.pass_time(SECOND)
     master.pe.give(StoodStill(30 * MS))
     assert [counter.raw for counter in master.sdo["Counters"].values()][2:] == [5, 4, 30, 150]
+
+
+def test_what_it_costs_its_computer_is_an_object_once_it_is_known() -> None:
+    known: list[NodeCost] = []
+    pe = OnePe()
+    pe.core = AgentCore(TABLE, 5, pe.now_ns, cost=lambda: known[-1] if known else None)
+    pe.pass_time(1 * MS)
+    cost = Master(pe).sdo["Cost of this node in the last 10 s"].values()
+    assert {element.raw for element in cost} == {0xFFFF_FFFF}
+    known.append(NodeCost(wake_ups_per_s=310, agent_per_mille=74, modules_per_mille=15, longest_turn_us=2_350))
+    assert [element.raw for element in cost] == [310, 74, 15, 2_350]
 
 
 def test_its_state_is_that_of_its_state_frames(master: Master) -> None:

@@ -87,3 +87,9 @@ def test_what_only_the_nodes_know_comes_to_the_manager(flight: Flight) -> None:
     flight.fleet.go_on(126)
     flight.until_stood_still("manager 126")
     assert flight.status()["manager"]["standstills"]["longest_ms"] >= STOPPED_S * 1e3 / 2
+    end_s = monotonic() + PATIENCE_S
+    while any((cost := pe["cost"]) is None for pe in flight.status()["pes"].values() if pe["state"] == "up"):
+        assert monotonic() < end_s
+        sleep(STOPPED_S)
+    assert 0 < cost["agent_per_mille"] < 1000 * cost["wake_ups_per_s"]
+    assert cost["longest_turn_us"] > 0

@@ -156,6 +156,7 @@ def test_the_status_tells_what_runs_what_is_served_and_which_phases_no_pe_watche
         "held_down_for_ns": None,
         "authentic": None,
         "standstills": None,
+        "cost": None,
         "held": None,
     }
     assert told["functions"]["elevator"]["served"]

@@ -9,10 +9,11 @@ import pytest
 from heronry_manager import events
 from heronry_manager.core.reports.object_reader import SILENCE_NS
 from heronry_manager.core.vocabulary import AskStatus, AskTraceback, ClearElement, ManagerAction, OperatorSaid, Reply
-from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC
+from heronry_wire.canopen_objects import COST, COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.node_cost import WINDOW_NS
 from heronry_wire.protocol_times import FORGIVEN_AFTER_NS
 from heronry_wire.protocol_version import PROTOCOL, Version
 from heronry_wire.sansio import Send
@@ -73,6 +74,10 @@ class Reading(OneManager):
         self.pass_time(45 * MS)
         self.running[pe] = running
         self.beat(pe)
+
+    def costs(self, *numbers: int) -> None:
+        for sub_index, number in enumerate(numbers, start=1):
+            self.objects[LEFT, COST, sub_index] = number.to_bytes(4, "little")
 
     def counters(self, long_times: int, last_long_ms: int) -> None:
         for sub_index, number in enumerate((30, long_times, last_long_ms, 200), start=3):
@@ -274,6 +279,28 @@ def test_a_standstill_of_a_pe_is_told_when_it_was_not_heard(manager: Reading) ->
     manager.pass_time(100 * MS)
     manager.is_silent_for_two_beats("left")
     assert manager.told(events.StoodStill)[1:] == [events.StoodStill(0, by="left", for_ns=140 * MS, times=4)]
+
+
+def test_the_status_shows_what_a_pe_costs_and_reads_it_once_per_window(manager: Reading) -> None:
+    manager.costs(310, 74, 15, 2_350)
+    assert manager.status()["pes"]["left"]["cost"] is None
+    first = {"wake_ups_per_s": 310, "agent_per_mille": 74, "modules_per_mille": 15, "longest_turn_us": 2_350}
+    manager.costs(1, 1, 1, 1)
+    assert manager.status()["pes"]["left"]["cost"] == first
+    assert manager.status()["pes"]["left"]["cost"] == first
+    manager.pass_time(WINDOW_NS)
+    manager.status()
+    assert manager.status()["pes"]["left"]["cost"] == dict.fromkeys(first, 1)
+    assert manager.status()["pes"]["right"]["cost"] is None
+
+
+def test_a_cost_that_the_pe_has_not_measured_yet_is_read_again_with_the_next_status(manager: Reading) -> None:
+    manager.costs(*[0xFFFF_FFFF] * 4)
+    for _ in range(2):
+        assert manager.status()["pes"]["left"]["cost"] is None
+    manager.costs(2, 2, 2, 2)
+    manager.status()
+    assert set(manager.status()["pes"]["left"]["cost"].values()) == {2}
 
 
 def test_the_longest_standstill_is_told_if_the_pe_never_had_a_longer_one(manager: Reading) -> None:

@@ -86,6 +86,16 @@ def test_failures_of_modules_and_standstills_of_computers_are_shown() -> None:
     )
 
 
+def test_a_pe_s_line_ends_with_what_it_costs_its_computer() -> None:
+    manager = Reading()
+    manager.start()
+    manager.costs(310, 74, 15, 2_350)
+    told(manager)  # reads the cost
+    assert told(manager)[3].endswith(
+        "ACTIVE in epoch 1; 310 wake-ups/s, 7.4 % of a core, its modules 1.5 %, longest turn 2.35 ms"
+    )
+
+
 def test_a_latched_fault_is_told_in_words_with_the_reason_that_its_pe_gives() -> None:
     manager = Reading()
     manager.start()

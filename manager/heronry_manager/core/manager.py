@@ -296,10 +296,11 @@ class ManagerCore:
         return Reply(number, outcome.done, outcome.sentence, is_unusable=outcome.is_unusable)
 
     def _status_for_operator(self) -> dict[str, Any]:
-        """Return the status; also read from the PEs how often they stood still, for the next status."""
+        """Return the status; also read from the PEs how often they stood still and what they cost, for the next one."""
         for pe in self._settings.spec.pes:
             if self._health.is_available(pe):
                 self._details.look_at_standstills(pe, Look.SHOW)
+                self._details.look_at_cost(pe)
         return self.status()
 
     def _ask_traceback(self, number: int, element: str) -> None:

@@ -29,7 +29,7 @@ agent while such a node is heard.
 """
 
 from collections import Counter, deque
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 
 from heronry_agent.core.authority import Authenticity, ExclusiveFrames, FollowedManager, OutputAuthorization, Secret
@@ -59,6 +59,7 @@ from heronry_agent.core.vocabulary import (
     StepMeasured,
     Stepped,
 )
+from heronry_wire.node_cost import NodeCost
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import InvariantError, Received, Tick, require
 from heronry_wire.standstill import StoodStill
@@ -79,6 +80,7 @@ class AgentCore:
         secret: Secret | None = None,
         followed: Collection[str] | None = None,
         every_echo: bool = False,
+        cost: Callable[[], NodeCost | None] = lambda: None,
     ) -> None:
         """Start without a configuration; the first deadline is `now_ns`.
 
@@ -90,6 +92,7 @@ class AgentCore:
             None: those of all actuators.
         every_echo: whether the simulated plants of other PEs need an echo of every command; if not, outputs are echoed
             as often as the table says.
+        cost: returns what this node costs its computer, or None while that is not known; clients read it by SDO.
         Raises TableError where the table contradicts itself.
         """
         index = TableIndex(table)
@@ -139,7 +142,15 @@ class AgentCore:
             authenticity,
         )
         parts = Parts(
-            turn, index, incarnation, followed_manager, active_configuration, modules, facts, authenticity=authenticity
+            turn,
+            index,
+            incarnation,
+            followed_manager,
+            active_configuration,
+            modules,
+            facts,
+            authenticity=authenticity,
+            cost=cost,
         )
         canopen = CanopenNode(parts)
         reporting = Reporting(index, incarnation, now_ns, None if authenticity is None else authenticity.seal)

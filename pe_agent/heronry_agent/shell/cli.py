@@ -36,6 +36,7 @@ from heronry_wire.command_parser import CommandParser, program_version
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
 from heronry_wire.key_file import read_key
+from heronry_wire.node_cost import CostMeter
 from heronry_wire.ordinary_file import read_ordinary
 from heronry_wire.pe_table import PeTable, TableError
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
@@ -180,6 +181,9 @@ def _run(arguments: argparse.Namespace) -> int:
         if every_echo:
             tell(Note("echo", "every command is echoed: the simulated plants of other PEs follow it"))
 
+        host = PartitionHost(table, devices, open_groups(tell))
+        undo.callback(host.close)
+        meter = CostMeter(time.monotonic_ns(), time.process_time_ns, host.used_ns)
         boots = BootCount(arguments.state_dir, table.node_id, lambda sentence: tell(Note("disk", sentence)))
         undo.callback(boots.close)
 
@@ -193,13 +197,12 @@ def _run(arguments: argparse.Namespace) -> int:
                 secret=secret,
                 followed=followed,
                 every_echo=every_echo,
+                cost=lambda: meter.last,
             )
 
-        host = PartitionHost(table, devices, open_groups(tell))
-        undo.callback(host.close)
         service = ServiceManager()
         undo.callback(service.close)
-        driver = AgentDriver(table, new_core, host, links, key=key, tell=tell, service=service)
+        driver = AgentDriver(table, new_core, host, links, key=key, tell=tell, service=service, meter=meter)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: driver.stop())
         driver.run(until_eof=until_eof)

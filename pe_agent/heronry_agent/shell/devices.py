@@ -40,6 +40,10 @@ class RealDevice(Device, Protocol):
     """A device with a process of its own (`device_processes.isolated`)."""
 
     @property
+    def pid(self) -> int | None:
+        """Number of the process; None while there is none."""
+
+    @property
     def log(self) -> PartitionLog | None:
         """The pipe to which the process prints; None if there is none."""
 

@@ -52,6 +52,7 @@ from heronry_wire.authentication import Key
 from heronry_wire.frame_port import Arrival
 from heronry_wire.identifiers import state_id
 from heronry_wire.link import Link
+from heronry_wire.node_cost import CostMeter
 from heronry_wire.pe_table import PeTable
 from heronry_wire.protocol_times import GATHER_NS
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
@@ -81,6 +82,7 @@ class AgentDriver:
         key: Key | None,
         tell: Callable[[Note], None],
         service: ServiceManager,
+        meter: CostMeter,
     ) -> None:
         """Make the first core.
 
@@ -90,6 +92,7 @@ class AgentDriver:
         key: of the fleet; None without authentication.
         tell: called with every line for the log, at once.
         service: reports to systemd, if systemd has started the agent.
+        meter: measures what this loop costs.
         """
         self.core = new_core()
         self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
@@ -100,7 +103,8 @@ class AgentDriver:
         self._accepted: Collection[int] = ()  # identifiers that the links now receive
         self._haste, self._may_gather = Haste(table), len(links) == 1
         self._until_eof = False
-        self._meter: LatenessMeter
+        self._lateness: LatenessMeter
+        self._cost = meter
         self._stopping = False
 
     def stop(self) -> None:
@@ -111,7 +115,7 @@ class AgentDriver:
         """Run until `stop` is called; with `until_eof`, also until standard input ends."""
         self._until_eof = until_eof
         period_ns = self._table.ports[self._table.uplink].heartbeat_ns
-        self._meter = LatenessMeter(period_ns, time.monotonic_ns(), time.thread_time_ns())
+        self._lateness = LatenessMeter(period_ns, time.monotonic_ns(), time.thread_time_ns())
         always: list[Any] = [sys.stdin] if until_eof else []
         self._prepare_links()
         while not self._stopping:
@@ -125,10 +129,11 @@ class AgentDriver:
                 link_ns = link.next_deadline_ns()
                 due_ns = due_ns if link_ns is None else min(due_ns, link_ns)
             now_ns = time.monotonic_ns()
-            self._meter.waits(core_due_ns, now_ns)
+            self._lateness.waits(core_due_ns, now_ns)
+            self._cost.waits(now_ns)
             ready, _, _ = select.select(readers, [], [], max(0, due_ns - now_ns) / _NS_PER_S)
             self._let_frames_gather(ready, due_ns)
-            self._measure_lateness(time.monotonic_ns())
+            self._woke(time.monotonic_ns())
             self._look_at_devices()
             if always and sys.stdin in ready and is_abandoned():
                 break
@@ -182,8 +187,9 @@ class AgentDriver:
             link.is_calm = is_calm
             link.pump(now_ns)
 
-    def _measure_lateness(self, now_ns: int) -> None:
-        stood_still = self._meter.woke(now_ns, time.thread_time_ns())
+    def _woke(self, now_ns: int) -> None:
+        self._cost.woke(now_ns)
+        stood_still = self._lateness.woke(now_ns, time.thread_time_ns())
         if stood_still is not None:
             self._step(now_ns, stood_still)
 

@@ -61,7 +61,7 @@ from heronry_agent.shell.partition_messages import (
     Stop,
     decode_answer,
 )
-from heronry_agent.shell.partition_process import PartitionProcess
+from heronry_agent.shell.partition_process import PartitionProcess, used_ns
 from heronry_agent.shell.start_orders import orders_of
 from heronry_wire.pe_table import ModuleEntry, PeTable
 from heronry_wire.sansio import NEVER_NS
@@ -182,6 +182,11 @@ class PartitionHost:
         if now_ns >= self._warm_ns and not self._load_by_ns:
             self._warm_up(now_ns)
         return events
+
+    def used_ns(self) -> int:
+        """Return the processor time of the present processes of partitions and drivers so far, in ns."""
+        drivers = [device.pid for device in self._devices.real if device.pid is not None]
+        return sum(map(used_ns, (*(process.pid for process in self._processes.values()), *drivers)))
 
     def abandon(self) -> None:
         """End all partitions without a report to the core, and make every device safe; new partitions may follow."""

@@ -125,7 +125,7 @@ class PartitionProcess:
         orders, self._orders = self._orders, []
         if self._pending:
             self.gathers, self.look_ns = True, now_ns + GATHER_NS
-        cpu_ns = self._cpu_ns() if self._pending else 0
+        cpu_ns = used_ns(self.pid) if self._pending else 0
         try:
             self._socket.send(encode_orders(orders))
         except BlockingIOError:
@@ -156,12 +156,12 @@ class PartitionProcess:
         pending = self._pending.popleft()
         if self._pending and self._pending[0].since_ns is not None:
             self._pending[0].since_ns = max(self._pending[0].since_ns, ended_ns)
-            self._pending[0].cpu_ns = self._cpu_ns()
+            self._pending[0].cpu_ns = used_ns(self.pid)
         took_ns = max(0, ended_ns - (pending.since_ns or ended_ns))
         if took_ns <= period_ns:
             return took_ns
         if self._schedstat is None:
-            return self._cpu_ns() - pending.cpu_ns
+            return used_ns(self.pid) - pending.cpu_ns
         self._sample_ns = 0  # read the waiting time before the next step
         return max(0, took_ns - (self._waited_ns() - self._waited_before_ns))
 
@@ -189,7 +189,7 @@ class PartitionProcess:
         if pending.since_ns is None or self._has_spoken():
             return 0
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
-            return self._cpu_ns() - pending.cpu_ns
+            return used_ns(self.pid) - pending.cpu_ns
         return max(0, now_ns - pending.since_ns - (self._waited_ns() - self._waited_before_ns))
 
     def loading_ns(self, now_ns: int) -> int:
@@ -198,7 +198,7 @@ class PartitionProcess:
         If this cannot be known at the moment, the processor time of the process is given instead (see the file's head).
         """
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
-            return self._cpu_ns()
+            return used_ns(self.pid)
         return now_ns - self._begun_ns - self._waited_ns()
 
     def _has_spoken(self) -> bool:
@@ -270,11 +270,13 @@ class PartitionProcess:
         except (OSError, IndexError):
             return 0  # the process has ended
 
-    def _cpu_ns(self) -> int:
-        try:
-            return time.clock_gettime_ns((~self.pid << 3) | _CPU_CLOCK)
-        except OSError:
-            return 0  # the process has ended
+
+def used_ns(pid: int) -> int:
+    """Return the processor time of a process so far, in ns; 0 if it has ended."""
+    try:
+        return time.clock_gettime_ns((~pid << 3) | _CPU_CLOCK)
+    except OSError:
+        return 0
 
 
 def _spawn(name: str, theirs: int, log: int) -> int:

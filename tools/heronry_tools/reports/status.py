@@ -5,6 +5,7 @@ from typing import Any
 
 from heronry_manager.core.mastership import Mastership
 from heronry_tools.reports.troubles import element_troubles, mended, table_troubles
+from heronry_wire.node_cost import NodeCost
 
 _NS_PER_S = 1_000_000_000
 
@@ -68,9 +69,15 @@ def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
         why = "" if pe["why"] is None else f": {pe['why']}"
         waits = "" if held is None else f"; it joins in {held / _NS_PER_S:.1f} s"
         runs = _runs(pe)
-        late = _standstills(pe["standstills"])
-        late = f"; its computer{late}" if late else ""
-        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}{_held(pe['held'])}{_unproven(pe['authentic'])}{late}"
+        cost = _computer(pe["standstills"], pe["cost"])
+        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}{_held(pe['held'])}{_unproven(pe['authentic'])}{cost}"
+
+
+def _computer(standstills: Mapping[str, int] | None, cost: Mapping[str, int] | None) -> str:
+    """Write how often the computer of a PE has stood still, and what the PE costs it, as far as this is known."""
+    late = _standstills(standstills)
+    costs = "" if cost is None else f"; {NodeCost(**cost).sentence}"
+    return (f"; its computer{late}" if late else "") + costs
 
 
 def _held(held: Mapping[str, Any] | None) -> str:

@@ -6,18 +6,25 @@ bytes. A state is given by one sample for each of its possible names: 1 for the 
 are 0 when the feed begins.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, get_args
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from heronry_tools.watch.snapshot import Bus, Function, Pe, Snapshot, Standing
+from heronry_wire.node_cost import NodeCost
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 _NS_PER_S = 1_000_000_000
 _TIMES = ("detect", "decide", "distribute", "activate")
+_COSTS: tuple[tuple[str, str, Callable[[NodeCost], float]], ...] = (
+    ("wake_ups_per_second", "Wake-ups of the agent", lambda cost: cost.wake_ups_per_s),
+    ("agent_cpu_used_ratio", "Processor time of the agent, of one core,", lambda cost: cost.agent_per_mille / 1000),
+    ("modules_cpu_used_ratio", "The same of its partitions and drivers,", lambda cost: cost.modules_per_mille / 1000),
+    ("longest_turn_seconds", "Longest turn of the agent", lambda cost: cost.longest_turn_us / 1_000_000),
+)
 
 
 def exposition(snapshot: Snapshot) -> bytes:
@@ -95,6 +102,9 @@ def _pes(view: Snapshot) -> Iterator[Metric]:
     yield _counter("pe_reboots", "Boots of a PE seen.", ("pe",), (((name,), pe.reboots) for name, pe in pes))
     restarts = (((name,), pe.restarts) for name, pe in pes)
     yield _counter("pe_module_restarts", "Restarts of modules that a PE has reported.", ("pe",), restarts)
+    for part, text, of in _COSTS:
+        costs = (((name,), None if pe.cost is None else of(pe.cost)) for name, pe in pes)
+        yield _gauge(f"pe_{part}", f"{text} of a PE in the last 10 s.", ("pe",), costs)
     yield _counter("pe_standstills", "Long standstills of a PE.", ("pe",), (((n,), pe.stood_still) for n, pe in pes))
 
 

@@ -17,6 +17,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from heronry_wire.node_cost import NodeCost
+
 VERSION = 1
 KEPT_RECONFIGURATIONS = 100
 KEPT_EVENTS = 500
@@ -68,6 +70,7 @@ class Pe:
     flash: Budget = Budget()
     modules: tuple[str, ...] = ()  # the modules that the running configuration places here
     stood_still: int = 0  # long standstills of its computer
+    cost: NodeCost | None = None  # what it costs its computer, as the manager has read it
 
 
 @dataclass(frozen=True, slots=True)

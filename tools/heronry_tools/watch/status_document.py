@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from heronry_manager.events import Status as StatusEvent
 from heronry_tools.watch.snapshot import Bus, Fault, Manager, Module, Pe, Script, Silence, Snapshot, Stage, Standing
+from heronry_wire.node_cost import NodeCost
 
 _STAGES: Mapping[str | None, Stage] = {None: "starting", "done": "running"}
 
@@ -40,6 +41,7 @@ class _Pe:
     epoch: int | None
     runs: str
     standstills: _Standstills | None
+    cost: NodeCost | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +153,7 @@ def _pe(before: Pe, told: _Pe | None) -> Pe:
         epoch=told.epoch,
         runs=told.runs,
         stood_still=before.stood_still if told.standstills is None else told.standstills.long_times,
+        cost=before.cost if told.cost is None else told.cost,
     )
 
 

@@ -15,6 +15,8 @@ and changes none.
                     authentic     null without a key; otherwise is_believed, refused_states, unproven_reports (EMCYs in
                                   the name of the PE that were never proven), refused_commands (as the PE reports them)
                     standstills   as last read from the PE; null: not read yet
+                    cost          wake_ups_per_s, agent_per_mille, modules_per_mille (processor time, of one core),
+                                  longest_turn_us, as last read from the PE; null: not read yet
                     held          exclusive outputs that the PE has held back for longer than T_lease: modules, why,
                                   for_ns; null: there are none
     priorities      changed priorities, by function: priority, by ("operator" or "module")
@@ -89,6 +91,7 @@ def status(
             pe: {
                 **_pe(pe, now_ns, health, deployment, authenticity),
                 "standstills": details.standstills(pe),
+                "cost": details.cost(pe),
                 "held": held.status(pe),
             }
             for pe in spec.pes

@@ -20,6 +20,9 @@ operator asks for the status. A standstill is *long* if it exceeds a heartbeat p
 - A manager reads nothing when it becomes active, since a foreign SDO client may be reading just then. So its
   first report on a PE counts from the start of that PE.
 
+*Cost of a PE.* The manager reads what a PE costs its computer (object 2023h) when the operator asks for the status, at
+most once in WINDOW_NS, the time after which the PE has new figures. The next status shows it.
+
 *Table of a PE.* If a PE refuses a slice for its digest, the manager reads the version of the protocol and the digest of
 the spec from the PE, and tells in an event why the PE stages nothing. It tells this again only if the reason is another
 one. Without an answer it tells what it knows. Anybody may forge the answer, which therefore changes nothing but the
@@ -30,8 +33,8 @@ gateway forwards SDO. It keeps what it has read until it ends; another manager r
 `object_reader` says what lost, late, doubled and forged frames cause. No decision depends on these details.
 """
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cache, partial
 from typing import Any
@@ -43,15 +46,18 @@ from heronry_manager.core.mastership import Claim
 from heronry_manager.core.reports.object_reader import ObjectReader
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
-from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC
+from heronry_wire.canopen_objects import COST, COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC
 from heronry_wire.failure_text import plain_reason, plain_traceback
 from heronry_wire.management import Emergency, FaultCode
+from heronry_wire.node_cost import WINDOW_NS, NodeCost
 from heronry_wire.protocol_times import FORGIVEN_AFTER_NS, t_lease_ns
 from heronry_wire.protocol_version import PROTOCOL, Version
 from heronry_wire.sdo import read_number
 from heronry_wire.standstill import Standstills, StoodStill
 
 _COUNTERS = ((3, "times"), (4, "long_times"), (5, "last_long_ms"), (6, "longest_ms"))  # sub-indices, and what they are
+_COST = tuple(enumerate((one.name for one in fields(NodeCost)), start=1))
+_NOT_MEASURED = 0xFFFF_FFFF
 _OF_TABLE = (3, 4)  # sub-indices: digest of the spec, version of the protocol
 _NS_PER_MS = 1_000_000
 _TRIES = 3  # to read why a module has failed
@@ -95,6 +101,8 @@ class PeDetails:
         self._heard: dict[tuple[str, str], tuple[object, int]] = {}  # last EMCY by PE and module, and when it came
         self._failures: dict[str, _Failure] = {}  # by element
         self._standstills: dict[str, dict[str, int]] = {}  # by PE
+        self._costs: dict[str, dict[str, int]] = {}  # by PE
+        self._cost_read_ns: dict[str, int] = {}  # by PE
         self._compared: dict[str, dict[str, int]] = {}  # by PE: with which the next ones are compared
         self._untold: set[str] = set()  # PEs of which a reading to report new standstills has not succeeded yet
         self._tables: dict[str, str] = {}  # why a PE stages nothing, as it was told last
@@ -155,16 +163,22 @@ class PeDetails:
         """
         if look is Look.TELL:
             self._untold.add(pe)
-        found: dict[str, int] = {}
+        self._read_numbers(pe, COUNTERS, _COUNTERS, lambda found: self._found_standstills(pe, found, look))
 
-        def take(key: str, value: bytes | None) -> None:
-            if value is not None:
-                found[key] = read_number(value)
-            if key == "longest_ms" and len(found) == len(_COUNTERS):
-                self._found_standstills(pe, found, look)
+    def look_at_cost(self, pe: str) -> None:
+        """Read what a PE costs its computer, unless this was done in the last WINDOW_NS."""
+        now_ns = self._turn.now_ns
+        if now_ns - self._cost_read_ns.get(pe, -WINDOW_NS) < WINDOW_NS:
+            return
+        self._cost_read_ns[pe] = now_ns
 
-        for sub_index, key in _COUNTERS:
-            self._read(pe, COUNTERS, sub_index, partial(take, key))
+        def take(found: dict[str, int]) -> None:
+            if _NOT_MEASURED in found.values():
+                del self._cost_read_ns[pe]
+            else:
+                self._costs[pe] = found
+
+        self._read_numbers(pe, COST, _COST, take)
 
     def look_at_table(self, pe: str, *, flies: bool) -> None:
         """Read from a PE that refuses a slice for its digest which table it has, and tell why it stages nothing.
@@ -257,6 +271,10 @@ class PeDetails:
         """
         return self._standstills.get(pe)
 
+    def cost(self, pe: str) -> Mapping[str, int] | None:
+        """Return what a PE costs its computer, by the names of `NodeCost`; None: this was not read yet."""
+        return self._costs.get(pe)
+
     def own_standstills(self) -> dict[str, int]:
         """Return how often and for how long this manager's own computer has stood still.
 
@@ -280,6 +298,21 @@ class PeDetails:
         is_longest_new = has_restarted or found["longest_ms"] > before["longest_ms"]
         for_ms = found["longest_ms"] if is_longest_new else found["last_long_ms"]
         self._turn.emit(events.StoodStill, by=pe, for_ns=for_ms * _NS_PER_MS, times=times)
+
+    def _read_numbers(
+        self, pe: str, index: int, keys: Sequence[tuple[int, str]], done: Callable[[dict[str, int]], None]
+    ) -> None:
+        """Read several elements of an object of a PE; `done` gets their values, if all have come."""
+        found: dict[str, int] = {}
+
+        def take(key: str, value: bytes | None) -> None:
+            if value is not None:
+                found[key] = read_number(value)
+            if key == keys[-1][1] and len(found) == len(keys):
+                done(found)
+
+        for sub_index, key in keys:
+            self._read(pe, index, sub_index, partial(take, key))
 
     def _read(
         self, pe: str, index: int, sub_index: int, take: Callable[[bytes | None], None], *, tries: int = 1

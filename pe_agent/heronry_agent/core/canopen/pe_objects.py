@@ -28,6 +28,7 @@ from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Failure
 from heronry_wire.canopen_objects import (
+    COST,
     COUNTERS,
     ERROR_HISTORY,
     ERROR_REGISTER,
@@ -50,6 +51,7 @@ from heronry_wire.canopen_objects import (
 from heronry_wire.compressed_table import table_bytes
 from heronry_wire.eds import eds_text
 from heronry_wire.management import NO_EPOCH
+from heronry_wire.node_cost import NodeCost
 from heronry_wire.pe_table import TableError
 from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.sdo import Abort
@@ -58,6 +60,7 @@ from heronry_wire.state_frames import PeFlags
 _NOT_WANTED, _RUNNING, _HELD, _FAILED, _NOT_STARTED = range(5)
 _NS_PER_MS = 1_000_000
 _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
+_NOT_MEASURED = NodeCost(0xFFFF_FFFF, 0xFFFF_FFFF, 0xFFFF_FFFF, 0xFFFF_FFFF)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,7 @@ class Parts:
     take_table: takes a table that differs from the present one, and returns None, or the abort code with which
         it refuses. If `take_table` is None, such a table is always refused.
     authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
+    cost: returns what this node costs its computer, or None while that is not known.
     """
 
     turn: Turn
@@ -79,6 +83,7 @@ class Parts:
     facts: Callable[[], Facts]
     take_table: Callable[[bytes], Abort | None] | None = None
     authenticity: Authenticity | None = None
+    cost: Callable[[], NodeCost | None] = lambda: None
 
 
 class PeObjects:
@@ -115,6 +120,7 @@ class PeObjects:
                 (COUNTERS, 6): lambda: self._parts.turn.standstills.longest_ns // _NS_PER_MS,
                 (TIME, 1): lambda: self._services.time_stamp,
                 (TIME, 2): lambda: self._services.time_age_ms(self._parts.turn.now_ns),
+                **{(COST, number): partial(self._cost, number) for number in range(1, 5)},
             },
             arrays={
                 ERROR_HISTORY: lambda: self._parts.modules.faults.history.errors,
@@ -146,6 +152,11 @@ class PeObjects:
             facts.reason,
             facts.load,
         )[number - 1]
+
+    def _cost(self, number: int) -> int:
+        """Return the value at sub-index `number` of object 2023h."""
+        cost = self._parts.cost() or _NOT_MEASURED
+        return (cost.wake_ups_per_s, cost.agent_per_mille, cost.modules_per_mille, cost.longest_turn_us)[number - 1]
 
     def _module_state(self, module: int) -> int:
         active_configuration = self._parts.active_configuration

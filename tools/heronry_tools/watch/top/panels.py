@@ -270,7 +270,8 @@ def details(view: Snapshot, look: Look) -> Iterator[str]:
         hears = {True: "hears a manager", False: "hears no manager", None: "was not heard here"}[pe.hears_manager]
         load = "" if pe.load_percent is None else f", CPU load {pe.load_percent} %"
         yield f"  it reports {runs}, {hears}{load}"
-        yield f"  standstills of its computer: {pe.stood_still}"
+        cost = "" if pe.cost is None else f"; its agent in 10 s: {pe.cost.sentence}"
+        yield f"  standstills of its computer: {pe.stood_still}{cost}"
         for name in pe.modules:
             module = view.modules[name]
             yield f"  {name} in mode {module.mode}"

@@ -107,6 +107,7 @@ const TELL = {
         "hears a manager": one.hears_manager === null ? null : one.hears_manager ? "yes" : "no", "CPU as measured": one.load_percent === null ? null : `${one.load_percent} %`,
         "CPU planned": `${one.cpu.used / 1000} of ${one.cpu.of / 1000} cores`, RAM: `${bytes(one.ram.used)} of ${bytes(one.ram.of)}`, flash: `${bytes(one.flash.used)} of ${bytes(one.flash.of)}`,
         modules: listed(one.modules), standstills: one.stood_still || null,
+        "its agent in 10 s": one.cost && `${one.cost.wake_ups_per_s} wake-ups/s, ${one.cost.agent_per_mille / 10} % of a core, modules ${one.cost.modules_per_mille / 10} %, longest turn ${one.cost.longest_turn_us / 1000} ms`,
       },
     };
   },
