@@ -20,9 +20,10 @@ nonces. So a nonce that an attacker invents costs the manager nothing, and delay
 plausible, but of no use: a PE accepts only the answer to the nonce that it has sent last.
 
 A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table, compressed or not. This tag is
-not cut, because a table is long and decides which code runs. The text of a table names the node and the spec, and holds
-no nonce. So a recorded table can be sent again, but only to that node, and only while the node waits for a table and a
-manager has unlocked the node (operation UNLOCK of CONTROL).
+not cut, because a table is long and decides which code runs. It covers the table, whose text names the node and the
+spec, and the *challenge* of the PE, a random number of 32 bits that the PE draws at each start and gives to everybody
+who asks. So a table that was recorded before the PE's last start is refused; a forged challenge leads to a seal that
+the PE refuses.
 
 One key serves the whole fleet, because a command is for all nodes and has room for only one tag. So an attacker who
 takes over one node has the key. A key is never printed. Messages show its fingerprint, by which two keys can be told
@@ -42,6 +43,7 @@ from heronry_wire.frame import WireError
 
 KEY_BYTES = 32
 SEAL_BYTES = 32
+CHALLENGE_BYTES = 4
 COMMAND_TAG_BYTES, STATE_TAG_BYTES = 6, 3
 NO_NONCE = 0
 DRAWN_BITS, _NONCE_TAG_BYTES = 40, 2  # of a nonce: the random number that the PE draws, and the tag after it
@@ -130,17 +132,21 @@ class Key:
         drawn = nonce >> 8 * _NONCE_TAG_BYTES
         return nonce != NO_NONCE and self.nonce(node, drawn) == nonce
 
-    def sealed(self, table: bytes) -> bytes:
-        """Append to the bytes of a table the seal by which a PE with this key accepts the table over the bus."""
-        return table + self._seal(table)
+    def sealed(self, table: bytes, challenge: int) -> bytes:
+        """Append to the bytes of a table the seal by which a PE with this key accepts the table over the bus.
 
-    def opened(self, sealed: bytes) -> bytes | None:
-        """Return the bytes of a sealed table without the seal; None where the seal was not made with this key."""
+        challenge: the number of 32 bits that the PE has drawn at its start.
+        """
+        return table + self._seal(table, challenge)
+
+    def opened(self, sealed: bytes, challenge: int) -> bytes | None:
+        """Return a sealed table without the seal; None where the seal was not made with this key and challenge."""
         table, seal = sealed[:-SEAL_BYTES], sealed[-SEAL_BYTES:]
-        return table if compare_digest(seal, self._seal(table)) else None
+        return table if compare_digest(seal, self._seal(table, challenge)) else None
 
-    def _seal(self, table: bytes) -> bytes:
+    def _seal(self, table: bytes, challenge: int) -> bytes:
         seal = self._tables.copy()
+        seal.update(challenge.to_bytes(CHALLENGE_BYTES))
         seal.update(table)
         return seal.digest()
 

@@ -27,7 +27,7 @@ PROGRAM_DATA, PROGRAM_CONTROL = 0x1F50, 0x1F51
 STATE, SPEC, MASTERSHIP = 0x2000, 0x2001, 0x2002
 MODULE_NAMES, MODULE_INDICES, MODULE_IMAGES, MODULE_STATES, MODULE_MODES = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 MODULE_FAILURES, MODULE_TRACEBACKS = 0x2015, 0x2016
-TABLE, COUNTERS, TIME, COST = 0x2020, 0x2021, 0x2022, 0x2023
+TABLE, COUNTERS, TIME, COST, CHALLENGE = 0x2020, 0x2021, 0x2022, 0x2023, 0x2024
 
 ERRORS_KEPT = 8
 LARGEST_INDEX = 0xFFF  # of an element, in an error of the error history
@@ -303,6 +303,12 @@ OBJECTS: tuple[Entry, ...] = (
             Variable("Processor time of the agent", _U32, meaning="per mille of a core"),
             Variable("Processor time of partitions and drivers", _U32, meaning="per mille of a core"),
             Variable("Longest turn of the agent", _U32, meaning="us"),
+        ),
+    ),
+    _var(
+        CHALLENGE,
+        Variable(
+            "Challenge", _U32, meaning="drawn at each start; the seal of a table covers it. 0: this node has no key"
         ),
     ),
 )

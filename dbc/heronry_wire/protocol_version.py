@@ -37,4 +37,4 @@ class Version:
         return f"{self.major}.{self.minor}"
 
 
-PROTOCOL = Version(1, 2)
+PROTOCOL = Version(1, 3)

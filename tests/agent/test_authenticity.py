@@ -233,8 +233,10 @@ def test_a_tag_without_a_byte_is_counted(keyed: Keyed) -> None:
 
 
 def test_a_pe_that_runs_takes_its_own_table_sealed_with_the_key_alone(keyed: Keyed) -> None:
-    table, text = Master(keyed.pe).sdo["Table of this PE"], TABLE.to_json().encode()
+    sdo, text = Master(keyed.pe).sdo, TABLE.to_json().encode()
+    table, challenge = sdo["Table of this PE"], sdo["Challenge"].raw
     keyed.tell(Control(1, NODE, Operation.UNLOCK, 30))
-    for written, code in ((text, Abort.VALUE), (KEY.sealed(GATEWAY_TABLE.to_json().encode()), Abort.DEVICE_STATE)):
+    foreign = KEY.sealed(GATEWAY_TABLE.to_json().encode(), challenge)
+    for written, code in ((text, Abort.VALUE), (foreign, Abort.DEVICE_STATE)):
         assert refusal(lambda written=written: setattr(table, "raw", written)) == code.value
-    table.raw = KEY.sealed(text)
+    table.raw = KEY.sealed(text, challenge)

@@ -14,7 +14,7 @@ from heronry_agent.core.authority.authenticity import LONGEST_UNLOCK_S
 from heronry_agent.core.vocabulary import Action, Note
 from heronry_agent.shell.table_waiting import WaitingCore
 from heronry_wire.authentication import SEAL_BYTES, Key
-from heronry_wire.canopen_objects import OBJECTS
+from heronry_wire.canopen_objects import CHALLENGE, OBJECTS
 from heronry_wire.canopen_objects import TABLE as TABLE_INDEX
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id, state_id
@@ -124,9 +124,16 @@ STOP = Frame(0, bytes((2, NODE)))
 class KeyedWaiting(Waiting):
     """A node with a key that waits, and a manager that has it too."""
 
-    def __init__(self) -> None:
-        super().__init__(Secret(KEY, b"salt"))
+    def __init__(self, salt: bytes = b"salt") -> None:
+        super().__init__(Secret(KEY, salt))
         self.manager = PlayedManager(MANAGER, 3, KEY)
+
+    def challenge(self) -> int:
+        (answer,), _ = self.ask(b"\x40" + CHALLENGE.to_bytes(2, "little") + bytes(5))
+        return int.from_bytes(answer[4:], "little")
+
+    def sealed(self) -> bytes:
+        return KEY.sealed(TEXT, self.challenge())
 
     def tell(self, *messages: Message) -> list[Action]:
         """Send commands, each with its TAG."""
@@ -159,22 +166,33 @@ def test_with_a_key_it_is_silent_until_a_manager_speaks_and_then_asks() -> None:
 
 
 def test_it_takes_its_table_sealed_and_unlocked_and_in_no_other_way(keyed: KeyedWaiting) -> None:
-    sealed = KEY.sealed(TEXT)
+    sealed = keyed.sealed()
     assert keyed.write(sealed) == (Abort.DEVICE_STATE, [])
     keyed.tell(Control(3, NODE, Operation.UNLOCK, 30))
-    for not_sealed in (TEXT, FOREIGN.sealed(TEXT), sealed[:-1], TEXT[:SEAL_BYTES], sealed.replace(b"small", b"large")):
+    foreign, old = FOREIGN.sealed(TEXT, keyed.challenge()), KEY.sealed(TEXT, 0)
+    for not_sealed in (TEXT, foreign, old, sealed[:-1], TEXT[:SEAL_BYTES], sealed.replace(b"small", b"large")):
         refusal, (note,) = keyed.write(not_sealed)
         assert refusal is Abort.VALUE
-        assert "not sealed with the key of this fleet" in note
+        assert "no seal of this fleet's key" in note
     assert keyed.core.table is None
     assert keyed.write(sealed) == (None, ["PE tail of small"])
     assert keyed.core.table == TABLE
 
 
+def test_a_table_recorded_before_a_start_is_refused_after_it(keyed: KeyedWaiting) -> None:
+    recorded, again = keyed.sealed(), KeyedWaiting(b"another salt")
+    again.meet()
+    again.tell(Control(3, NODE, Operation.UNLOCK, 30))
+    assert again.write(recorded)[0] is Abort.VALUE
+    assert again.write(again.sealed())[0] is None
+    assert KeyedWaiting().sealed() == recorded  # the salt alone tells two starts apart
+    assert Waiting().ask(b"\x40" + CHALLENGE.to_bytes(2, "little") + bytes(5))[0][0][4:] == bytes(4)
+
+
 def test_it_is_locked_again_when_the_time_is_up(keyed: KeyedWaiting) -> None:
     keyed.tell(Control(3, NODE, Operation.UNLOCK, 9_999))
     keyed.pass_time((LONGEST_UNLOCK_S * 1_000 + 1) * MS)
-    assert keyed.write(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
+    assert keyed.write(keyed.sealed())[0] is Abort.DEVICE_STATE
 
 
 @pytest.mark.parametrize(
@@ -190,17 +208,17 @@ def test_it_is_locked_again_when_the_time_is_up(keyed: KeyedWaiting) -> None:
 def test_nothing_else_that_a_manager_says_unlocks_it(keyed: KeyedWaiting, message: Message) -> None:
     keyed.tell(Lease(3, 0, Step.PREPARED, 0))
     keyed.tell(message)
-    assert keyed.write(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
+    assert keyed.write(keyed.sealed())[0] is Abort.DEVICE_STATE
 
 
 def test_an_unlock_without_its_tag_does_nothing(keyed: KeyedWaiting) -> None:
     keyed.hear(command_frame(Control(3, NODE, Operation.UNLOCK, 30)))
-    assert keyed.write(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
+    assert keyed.write(keyed.sealed())[0] is Abort.DEVICE_STATE
 
 
 def test_nmt_waits_for_the_lock_too(keyed: KeyedWaiting) -> None:
     keyed.hear(STOP)
-    assert keyed.write(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE  # it answers: it was not stopped
+    assert keyed.write(keyed.sealed())[0] is Abort.DEVICE_STATE  # it answers: it was not stopped
     keyed.tell(Control(3, NODE, Operation.UNLOCK, 30))
     keyed.hear(STOP)
     assert keyed.ask(b"\x40\x00\x10\0\0\0\0\0") == ([], [])

@@ -80,7 +80,7 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
     ) -> None:
         self.spec = spec or two_tails()
         self.memory, now_ns = replace(memory, term=max(memory.term, term - 1)), 1_000 * MS  # as a journal would have it
-        tables = PeTables(Compiler(self.spec), ()).text if brings_tables else None
+        tables = PeTables(Compiler(self.spec), ()).contents() if brings_tables else None
         core = ManagerCore(self.spec, node, self.memory, now_ns, key=key, reads_objects=reads_objects, tables=tables)
         super().__init__(core, now_ns)
         self.core: ManagerCore

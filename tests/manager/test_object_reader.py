@@ -1,6 +1,6 @@
 """The manager's SDO client: it leaves a PE to another client, and reads an object anew that had no value."""
 
-from heronry_manager.core.reports.object_reader import SILENCE_NS, ObjectReader
+from heronry_manager.core.sdo_client.object_reader import SILENCE_NS, ObjectReader
 from heronry_wire.canopen_objects import COUNTERS
 from heronry_wire.identifiers import sdo_request_id
 from heronry_wire.sansio import NEVER_NS, Send

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from heronry_manager import events
-from heronry_manager.core.reports.object_reader import SILENCE_NS
+from heronry_manager.core.sdo_client.object_reader import SILENCE_NS
 from heronry_manager.core.vocabulary import AskStatus, AskTraceback, ClearElement, ManagerAction, OperatorSaid, Reply
 from heronry_wire.canopen_objects import COST, COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC
 from heronry_wire.frame import Frame

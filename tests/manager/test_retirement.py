@@ -7,11 +7,14 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_manager import events
 from heronry_manager.core.intake.retirement import connected_by, parts_of
 from heronry_manager.core.vocabulary import FailElement, PlanFailed, RestoreElement, RetireElement
-from heronry_wire.management import Alive, Operation
+from heronry_wire.management import Alive, Control, ElementKind, Emergency, FaultCode, Operation
 from heronry_wire.state_frames import PeState
-from manager.one_manager import BEAT_NS, MS, OneManager, two_tails
+from manager.one_manager import BEAT_NS, MS, TERM, OneManager, two_tails
 from manager.test_operator import say
 
+FAILED_CONTROL = Emergency(
+    FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, list(two_tails().modules).index("control"), 0
+)
 LEFT_PARTS = {"module:control@left", "module:drive_left"}
 
 
@@ -83,6 +86,26 @@ def test_a_restored_pe_is_used_again(manager: OneManager) -> None:
     assert reply.done
     assert manager.requests[-1].now.down == set()
     assert [one.operation for one in manager.answers()] == [Operation.CLEAR] * len(LEFT_PARTS)
+
+
+def test_a_restored_pe_keeps_the_faults_that_were_reported(manager: OneManager) -> None:
+    manager.report("left", FAILED_CONTROL)
+    manager.answer()
+    manager.pass_time(10 * MS)
+    assert not say(manager, RestoreElement("pe:left")).done
+    say(manager, RetireElement("module:control"))
+    reply = say(manager, RestoreElement("module:control"))
+    assert manager.core.now.down == {"module:control@left"}, reply.sentence
+
+
+def test_what_only_the_manager_before_knew_is_named_and_not_restored(manager: OneManager) -> None:
+    told = Control(TERM + 1, 0, Operation.HOLDS, ElementKind.DEVICE, 0)
+    manager.core._known.situation.overheard(127, told)  # as a standby manager hears it
+    (device,) = manager.core.now.down
+    reply = say(manager, RestoreElement(device))
+    assert not reply.done
+    assert f"{device}; end each with 'heronry clear'" in reply.sentence
+    assert manager.core.now.down == {device}
 
 
 def test_an_order_during_a_reconfiguration_and_one_that_would_stop_everything_are_refused(manager: OneManager) -> None:

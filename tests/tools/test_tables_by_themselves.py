@@ -6,12 +6,13 @@ stay available.
 
 from collections.abc import Callable
 from heapq import heappop, heappush
-from itertools import count
+from itertools import count, pairwise
 
 import pytest
 
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.table_waiting import WaitingCore
+from heronry_dg.loader import loads
 from heronry_manager import events
 from heronry_manager.core.provisioning.table_bringing import FORGOTTEN_NS
 from heronry_manager.core.tables import Compiler, PeTables
@@ -21,7 +22,7 @@ from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.sdo import Abort, abort_message
-from manager.one_manager import MS, OneManager, two_tails
+from manager.one_manager import MS, SPEC_TEXT, OneManager, two_tails
 from thoroughness import IS_WHOLE
 
 PE, NODE = "right", 94
@@ -267,3 +268,66 @@ def test_a_pe_that_receives_nothing_is_given_up() -> None:
         manager.hear(Frame(sdo_response_id(NODE), b"\xa2\x00\x04\x00\x00\x00\x00\x00"))
     (told,) = manager.of(events.TableNotTaken)
     assert told.why == "it received nothing"
+
+
+def test_a_table_that_is_taken_and_does_not_fly_is_told_of_and_brought_less_and_less() -> None:
+    flight = Flight()
+    for _ in range(5):
+        assert flight.fly(flight.has_table, 20_000 * MS)
+        flight.restart_pe()
+    (told,) = flight.manager.of(events.TableNotTaken)
+    assert told.why == "it took its table, and waits for one again: its log says why"
+    brought = [one.t_ns for one in flight.manager.of(events.TableBrought)]
+    pauses = [after - before for before, after in pairwise(brought)]
+    assert pauses == sorted(pauses)
+    assert pauses[-1] > 2 * pauses[0]
+    flight.manager.live(PE)
+    flight.manager.pass_time(3_000 * MS)
+    flight.manager.hear(Frame(heartbeat_id(NODE), b"\x05"))
+    flight.manager.die(PE)
+    flight.manager.pass_time(1_500 * MS)
+    assert flight.fly(flight.has_table, 4_000 * MS)  # it has flown, so the next one comes soon
+    assert len(flight.manager.of(events.TableNotTaken)) == 1
+
+
+def test_a_pe_with_which_another_client_talks_is_left_to_it() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start(fly=False)
+    manager.die(PE)
+    manager.pass_time(1_500 * MS)
+    manager.hear(Frame(sdo_request_id(NODE), bytes(8)))
+    assert not waits(manager)
+    manager.pass_time(1_800 * MS)
+    before = len(manager.frames)
+    manager.pass_time(300 * MS)
+    assert [one for one in manager.frames[before:] if one.can_id == sdo_request_id(NODE)]
+
+
+def test_a_pe_with_a_long_heartbeat_period_is_quiet_only_after_two_of_them() -> None:
+    text = SPEC_TEXT.replace("bitrate: 1000000", "bitrate: 1000000, heartbeat_ms: 2000")
+    assert text != SPEC_TEXT
+    manager = OneManager(loads(text, "slow.dg.yaml"), brings_tables=True)
+    manager.live(PE)
+    manager.pass_time(30_000 * MS)
+    manager.live("left")
+    manager.live("middle")
+    manager.die(PE)
+    manager.pass_time(12_000 * MS)
+    assert not manager.core._known.health.is_available(PE)
+    manager.hear(Frame(manager.state_id(PE), manager.running["left"].encode()))
+    manager.pass_time(3_500 * MS)
+    assert not waits(manager)
+    manager.pass_time(1_000 * MS)
+    assert waits(manager)
+
+
+def test_a_transfer_ends_when_its_pe_flies() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > MESSAGES // 2)
+    flight.manager.live(PE)
+    before = len(flight.manager.frames)
+    flight.manager.pass_time(4_000 * MS)
+    sent = [one.data for one in flight.manager.frames[before:] if one.can_id == sdo_request_id(NODE)]
+    assert len(sent) <= 2
+    assert sent[-1] == abort_message(TABLE, 0, Abort.DEVICE_STATE)
+    assert not flight.manager.of(events.TableBrought)

@@ -55,16 +55,17 @@ def test_a_page_is_taken_apart_and_put_together_again(page: bytes, said: bytes, 
 
 @given(st.binary(max_size=100), st.binary(max_size=100))
 def test_a_table_is_opened_with_the_key_that_sealed_it_and_only_as_it_was(table: bytes, other: bytes) -> None:
-    sealed = KEY.sealed(table)
+    sealed = KEY.sealed(table, 7)
     assert sealed.startswith(table)
-    assert KEY.opened(sealed) == table
-    assert Key(bytes(KEY_BYTES)).opened(sealed) is None
-    assert KEY.opened(other) is None
-    assert KEY.opened(other + sealed) == (None if other else table)
+    assert KEY.opened(sealed, 7) == table
+    assert KEY.opened(sealed, 8) is None
+    assert Key(bytes(KEY_BYTES)).opened(sealed, 7) is None
+    assert KEY.opened(other, 7) is None
+    assert KEY.opened(other + sealed, 7) == (None if other else table)
 
 
-def test_a_seal_is_keyed_blake2s_of_the_whole_table() -> None:
-    assert KEY.sealed(b"{}")[2:] == blake2s(b"{}", key=SECRET, digest_size=32, person=b"hrn-tabl").digest()
+def test_a_seal_is_keyed_blake2s_of_the_challenge_and_the_whole_table() -> None:
+    assert KEY.sealed(b"{}", 258)[2:] == blake2s(b"\0\0\1\2{}", key=SECRET, digest_size=32, person=b"hrn-tabl").digest()
 
 
 def test_no_two_commands_have_one_tag() -> None:

@@ -13,5 +13,6 @@ Each room decides one thing. A room imports only what stands below it; rooms in 
     tables                                what names mean on the wire
 
 Below the rooms stand the vocabulary of the core (`vocabulary`, `settings`), the effects of one step (`turn`), what
-survives a restart (`memory`), tables of transitions (`transitions`), and the routes of a spec (`topology`).
+survives a restart (`memory`), tables of transitions (`transitions`), the routes of a spec (`topology`), and the clients
+that read and write objects of PEs (`sdo_client`).
 """

@@ -36,7 +36,7 @@ phase, latched faults, quarantines, what runs (`memory`, which the driver keeps 
 with what they run (`replanning`).
 """
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import Any
 
 from heronry_dg.model import Spec
@@ -94,7 +94,7 @@ class ManagerCore:
         standby: bool = False,
         tells_departures: bool = False,
         reads_objects: bool = False,
-        tables: Callable[[str], str] | None = None,
+        tables: Mapping[str, bytes] | None = None,
         compiler: Compiler | None = None,
     ) -> None:
         """Begin to listen at `now_ns`; `memory`: what the journal has kept for this spec.

@@ -1,6 +1,6 @@
 """The settings of a manager: given when it is started, and the same for as long as it runs."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from heronry_dg.model import Bus, Spec
@@ -24,7 +24,7 @@ class ManagerSettings:
     standby: the manager stands by while another manager is active; without this setting it ends.
     tells_departures: the driver reports when an ALIVE is on the bus; if False, each ALIVE counts as sent immediately.
     reads_objects: the manager reads by SDO the details that PEs store for people (`pe_details`).
-    tables: gives the text of a PE's table, by its name, for a PE that waits without one; None: no table is brought.
+    tables: the table of each PE, compressed, by its name, for a PE that waits without one; None: none is brought.
     """
 
     spec: Spec
@@ -37,7 +37,7 @@ class ManagerSettings:
     standby: bool = False
     tells_departures: bool = False
     reads_objects: bool = False
-    tables: Callable[[str], str] | None = None
+    tables: Mapping[str, bytes] | None = None
 
     @property
     def bus(self) -> Bus:

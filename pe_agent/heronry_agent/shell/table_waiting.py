@@ -8,8 +8,8 @@
 
 With a key the node sends a nonce to a manager that it hears, and the manager answers with the command WELCOME, as with
 every PE (`authenticity`). The node executes only the commands LEASE and UNLOCK; UNLOCK allows SDO writes for some
-seconds. The node accepts a table only while it is unlocked, and only if the table is sealed with the key; any node may
-send a sealed table.
+seconds. The node accepts a table only while it is unlocked, and only if the table is sealed with the key and with the
+challenge that this start has drawn (object 2024h); any node may send a sealed table.
 
 `sdo_server` handles lost, late and doubled frames: a table arrives complete and checked, or not at all. A table that
 cannot be used is refused with SDO abort code 0609 0030h, and the reason is logged. Without a key, the sender of a table

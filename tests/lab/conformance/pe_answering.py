@@ -157,7 +157,7 @@ def its_objects_name_the_modes() -> None:
 
 
 def a_table_needs_its_seal() -> None:
-    """With a key the table needs a seal of the key, and must be the present table. Without a key it needs none."""
+    """With a key the table needs a seal for this start, and must be the present table. Without a key it needs none."""
     plain = PeUnderTest()
     plain.run(30)
     equal(Client(plain).writes_table(plain.table.to_json().encode()), None, "why its own table is refused")
@@ -169,6 +169,9 @@ def a_table_needs_its_seal() -> None:
     keyed.main.command(Control(5, NODE, Operation.UNLOCK, 30))
     keyed.run(150)
     table = keyed.table.to_json().encode()
-    for text, reason in ((table, _REFUSED), (OTHER_KEY.sealed(table), _REFUSED), (KEY.sealed(table), None)):
-        equal(Client(keyed).writes_table(text), reason, "why a table is refused")
-    equal(len(keyed.notes("table")), 2, "notes of tables that were refused")
+    client = Client(keyed)
+    ((_, challenge),) = [(data[:4], int.from_bytes(data[4:], "little")) for data in client.asks("40 24 20 00")]
+    for wrong in (table, OTHER_KEY.sealed(table, challenge), KEY.sealed(table, challenge ^ 1)):
+        equal(client.writes_table(wrong), _REFUSED, "why a table is refused")
+    equal(client.writes_table(KEY.sealed(table, challenge)), None, "why the table with its seal is refused")
+    equal(len(keyed.notes("table")), 3, "notes of tables that were refused")

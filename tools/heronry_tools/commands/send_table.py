@@ -1,8 +1,9 @@
 """`heronry send-table`: send a waiting PE its table over the bus.
 
 A PE with a key needs two things: an unlock, which the manager sends on the operator's order, and a table that is sealed
-with the key. This command does both, on the manager's computer. UNLOCK may be lost, or may reach the PE before the PE
-accepts the manager; then the PE answers that it is locked. So the command repeats the unlock and the table for a while.
+with the key and the PE's challenge. This command does both, on the manager's computer. UNLOCK may be lost, or may reach
+the PE before the PE accepts the manager; then the PE answers that it is locked. So the command repeats the unlock and
+the table for a while.
 """
 
 import argparse
@@ -22,9 +23,10 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_files import expect_pe, load_spec
 from heronry_tools.runtime.canopen_log import keep_off_the_terminal
 from heronry_tools.runtime.table_files import table_texts
+from heronry_wire.authentication import Key
 from heronry_wire.bus_arguments import flagged_bus
 from heronry_wire.bus_opening import open_bus
-from heronry_wire.canopen_objects import TABLE
+from heronry_wire.canopen_objects import CHALLENGE, TABLE
 from heronry_wire.compressed_table import compressed
 from heronry_wire.key_file import read_key
 from heronry_wire.sdo import Abort
@@ -51,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     if key is None:
         _send(flags, node, content)
     else:
-        _send(flags, node, key.sealed(content), lambda: _unlock(arguments.socket, spec.name, pe))
+        _send(flags, node, content, key, lambda: _unlock(arguments.socket, spec.name, pe))
     told = {"pe": pe, "node": node, "bytes": len(content)}
     print(json.dumps(told) if arguments.json else f"{pe}, node {node}, has its table: {len(content)} bytes")
     return 0
@@ -64,9 +66,12 @@ def _unlock(socket: Path | None, spec: str, pe: str) -> None:
         raise UserError(f"the manager does not unlock pe:{pe}: {answer.sentence}")
 
 
-def _send(flags: dict[str, Any], node: int, content: bytes, unlock: Callable[[], None] | None = None) -> None:
-    """Write a table, sealed or not, into a node; raises UserError if the node does not take the table.
+def _send(
+    flags: dict[str, Any], node: int, content: bytes, key: Key | None = None, unlock: Callable[[], None] | None = None
+) -> None:
+    """Write a table into a node; raises UserError if the node does not take the table.
 
+    key: seals the table.
     unlock: unlocks the PE, and is called before the table is written. If the PE answers that it is locked, both steps
     are repeated for a while.
     """
@@ -80,7 +85,7 @@ def _send(flags: dict[str, Any], node: int, content: bytes, unlock: Callable[[],
             if unlock is not None:
                 unlock()
             try:
-                return _write(sdo, content)
+                return _write(sdo, content if key is None else key.sealed(content, sdo[CHALLENGE].raw))
             except SdoError as error:
                 is_locked = isinstance(error, SdoAbortedError) and error.code == Abort.DEVICE_STATE.value
                 if unlock is None or not is_locked or time.monotonic() > give_up_s:

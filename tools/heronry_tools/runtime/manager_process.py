@@ -105,7 +105,7 @@ def mastership(arguments: argparse.Namespace) -> int:
                 standby=arguments.standby,
                 tells_departures=True,
                 reads_objects=True,
-                tables=PeTables(compiler, held).text,
+                tables=PeTables(compiler, held).contents(),
                 compiler=compiler,
             )
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)

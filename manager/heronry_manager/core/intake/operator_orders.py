@@ -13,7 +13,9 @@
     retire ELEMENT   the element goes out of service, while it still works (`retirement`): the best plan without it is
                      made while what runs runs on, and then its modules move. An order during a reconfiguration is
                      refused, as is one to retire a gateway before the PEs behind it
-    restore ELEMENT  the element is taken back into service: each fault on it ends that no PE has reported
+    restore ELEMENT  the element is taken back into service: each fault on it ends that the operator has declared to
+                     this manager. A manager that has taken over does not know who has declared a fault: it names the
+                     elements, and the operator clears them
     script           run another configuration, which a script makes of the running one (`held_script`). A script is
                      refused during a reconfiguration, while another script waits, or if its configuration is not legal
     release          end the script that the operator has ordered, whether it runs already or not
@@ -210,10 +212,12 @@ class OperatorOrders:
         return f"it alone connects {', '.join(behind)} with the manager: retire these first" if behind else None
 
     def _restore(self, element: str) -> Outcome:
-        told = {fault.element: fault.code for fault in self._situation.failed.all()}
-        parts = [one for one in parts_of(self._spec, element) if told.get(one) in (OPERATOR_CODE, HELD_CODE)]
-        for one in parts:
-            self._situation.clear(one, OPERATOR)
+        situation = self._situation
+        held = [one for one in parts_of(self._spec, element) if situation.failed.code(one) == HELD_CODE]
+        if held:
+            before = "only the manager before this one knew whether a PE has reported or an operator retired these"
+            return Outcome(False, f"{before}: {', '.join(held)}; end each with 'heronry clear' if it works")
+        parts = [one for one in parts_of(self._spec, element) if situation.restore(one, OPERATOR)]
         if not parts:
             return Outcome(False, f"{element} is not retired: 'heronry clear' ends a fault that was reported")
         fields = filter(None, map(self._situation.field, parts))

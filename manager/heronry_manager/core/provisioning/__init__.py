@@ -1,16 +1,14 @@
 """Provisioning: a PE that waits without a table is brought its table, and nobody has to type anything.
 
     table_bringing   which PE waits; when its table goes out; what follows if the PE does not take it
-    block_download   opened ─► sending ─► ended: the SDO client that writes one value into one node
 
 *Who may change it.* A heartbeat of a PE that sends no state frames starts a transfer; only an active manager that may
 send brings tables.
 
 *What may go wrong.* A lost segment is sent again. A lost answer ends the transfer, which begins anew after a pause that
 doubles. Nothing proves an SDO answer or a heartbeat: a forged one delays a transfer or starts one that nobody answers,
-and with a key it makes the manager unlock that PE, which may then be sent a recorded table of its own (docs/limits.md).
-It changes no plan. The PE takes the whole table, checked, or nothing. A restart forgets a transfer, and the next
-heartbeat of the PE begins it again.
+and with a key it makes the manager unlock that PE (docs/limits.md). It changes no plan. The PE takes the whole table,
+checked, or nothing. A restart forgets a transfer, and the next heartbeat of the PE begins it again.
 
 No decision on what runs depends on anything here. The pages: docs/canopen.md, docs/protocol.md.
 """

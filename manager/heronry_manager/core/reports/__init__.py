@@ -3,7 +3,6 @@
     manager_status   the state of the whole manager as one document
     pe_details       what PEs store for people to read: why modules failed, how often a computer stood still, which
                      table a PE has
-    object_reader    idle ─► opened ─► segments: reads these objects by SDO, one at a time, and gives way to others
 
 *Who may change it.* An EMCY, a PE that joins or is heard again, or the operator's question starts a reading; only an
 active manager that may send reads.

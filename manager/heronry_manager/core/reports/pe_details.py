@@ -43,7 +43,7 @@ from heronry_dg.situation import hosts_when_all_is_up, module_of
 from heronry_manager import events
 from heronry_manager.core.epochs import ANOTHER_TABLE
 from heronry_manager.core.mastership import Claim
-from heronry_manager.core.reports.object_reader import ObjectReader
+from heronry_manager.core.sdo_client import ObjectReader
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.canopen_objects import COST, COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS, SPEC

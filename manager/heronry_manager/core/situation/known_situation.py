@@ -405,6 +405,18 @@ class KnownSituation:
             changes.append(PlanNeeded(f"{element} cleared by {by}"))
         return changes
 
+    def restore(self, element: str, by: str) -> bool:
+        """End a fault that the operator alone has declared on exactly this element; tells whether there was one.
+
+        A fault that a PE has reported stays, on the element and on the places of a module. The caller reports the
+        change.
+        """
+        if not self.failed.end_order(element):
+            return False
+        self._turn.keep(Cleared(element))
+        self._turn.emit(events.FaultCleared, element=element, by=by)
+        return True
+
     def enter(self, phase: str, by: str) -> Changes:
         """Enter the mission phase `phase`, and return the resulting change: a plan is needed.
 

@@ -147,6 +147,17 @@ class LatchedFaults:
             del self._failed[one.element]
         return cleared
 
+    def code(self, element: str) -> str | None:
+        """Return the code of the fault that is latched on exactly this element; None: there is none."""
+        return self._failed[element].code if element in self._failed else None
+
+    def end_order(self, element: str) -> bool:
+        """End the fault on exactly this element if the operator alone has declared it; tells whether it ended."""
+        is_ordered = self.code(element) == OPERATOR_CODE
+        if is_ordered:
+            del self._failed[element]
+        return is_ordered
+
     def _of(self, module: str) -> list[LatchedFault]:
         """Return the faults that are latched on single places of a module."""
         return [one for one in self._failed.values() if is_place(one.element) and module_of(one.element) == module]

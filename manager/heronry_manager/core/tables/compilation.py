@@ -65,6 +65,11 @@ class Compiler:
         self._radios = radios(spec)
         self._tables: dict[str, PeTable] = {}
 
+    @property
+    def pes(self) -> tuple[str, ...]:
+        """The names of all PEs, in the spec's order."""
+        return tuple(self._spec.pes)
+
     @cached_property
     def identities(self) -> Mapping[int, bytes]:
         """The identity of the table of each PE, by node-ID; to compute them all once takes milliseconds.

@@ -20,6 +20,7 @@ from heronry_dg.model import Spec
 from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.core.tables.compilation import Compiler
+from heronry_wire.compressed_table import compressed
 from heronry_wire.contingency_block import Preloaded, write_block
 from heronry_wire.pe_table import PeTable
 
@@ -93,6 +94,10 @@ class PeTables:
         """Give the text of a PE's table."""
         table = self._compiler.table(pe)
         return (loaded(table, self._held[pe]) if pe in self._held else table).to_json()
+
+    def contents(self) -> dict[str, bytes]:
+        """Give the table of every PE as it goes over the bus, by name; this takes some milliseconds for each."""
+        return {pe: compressed(self.text(pe)) for pe in self._compiler.pes}
 
 
 def _filled(pe: str, slices: Sequence[Preloaded], room: int) -> OnBoard:

@@ -39,7 +39,7 @@ proof: it cannot send a nonce, so a new manager cannot welcome it.
 
 *Lock.* The PE refuses NMT commands and SDO downloads until the active manager sends it UNLOCK, and again after the time
 that UNLOCK gives. While the lock is open, any node can send SDO requests, since an SDO request does not name its
-sender. So a table must also be sealed with the key (`opened`).
+sender. So a table must also be sealed with the key for the challenge of this start (`opened`).
 
 *Lost, late, doubled and forged frames.* If a page 2, a WELCOME or a TAG is lost, the PE sends its nonce again at the
 manager's next command. A WELCOME that comes more than T_lease after the nonce was drawn is refused. A doubled WELCOME
@@ -55,7 +55,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from heronry_agent.core.authority.followed_manager import FollowedManager
-from heronry_agent.core.authority.nonces import Nonces
+from heronry_agent.core.authority.nonces import Nonces, drawn_challenge
 from heronry_agent.core.authority.passing_welcomes import PassingWelcomes
 from heronry_agent.core.authority.state_seal import StateSeal
 from heronry_agent.core.forwarding import Gateway
@@ -130,6 +130,7 @@ class Authenticity:
         self._verifier = CommandVerifier(secret.key, index.lease_ns)
         self._handlers: dict[tuple[int, Command], Handler] = {}
         self._states = StateSeal(index.node, secret.key, followed_manager, pending)
+        self.challenge = drawn_challenge(secret.salt)
         self._nonces = Nonces(secret.key, index.node, secret.salt, serves_ns=index.lease_ns, now_ns=turn.now_ns)
         self._saw_epoch = saw_epoch
         self._passing = PassingWelcomes(turn, gateway, index.lease_ns)
@@ -180,8 +181,8 @@ class Authenticity:
             self._verifier.hold(manager, command, event, self._turn.arrived_ns)
 
     def opened(self, sealed: bytes) -> bytes | None:
-        """Return the text of a sealed table; None if the table is not sealed with the key of this PE."""
-        return self._key.opened(sealed)
+        """Return a sealed table without the seal; None if it was not sealed with this PE's key, for this start."""
+        return self._key.opened(sealed, self.challenge)
 
     def accept(self, order: Control) -> None:
         """Execute a verified RENEW or UNLOCK.

@@ -3,11 +3,19 @@
 A manager answers a nonce with the command WELCOME, whose tag covers the nonce. A nonce is valid for T_lease; then a new
 one is drawn. The salt is different at every start of the agent, so nonces are never predictable or used twice. A nonce
 contains a tag of its own, by which a manager recognizes that a PE with the key has sent the nonce.
+
+The challenge of a sealed table comes from the same salt. It stays the same until the agent ends, and everybody may read
+it.
 """
 
 from hashlib import blake2s
 
-from heronry_wire.authentication import DRAWN_BITS, NO_NONCE, Key
+from heronry_wire.authentication import CHALLENGE_BYTES, DRAWN_BITS, NO_NONCE, Key
+
+
+def drawn_challenge(salt: bytes) -> int:
+    """Draw the challenge of a PE, a number of 32 bits; `salt`: secret bytes, different at every start."""
+    return int.from_bytes(blake2s(b"challenge", key=salt, digest_size=CHALLENGE_BYTES).digest())
 
 
 class Nonces:

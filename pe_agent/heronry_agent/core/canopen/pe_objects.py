@@ -10,7 +10,8 @@ read. A client can write these objects:
                         - A PE that has a table accepts only the same table again
                         - A PE that runs a configuration accepts no table, since its many bytes would load the bus
 
-With a key, a client can write only while the PE is unlocked (`authenticity`), and a table must be sealed.
+With a key, a client can write only while the PE is unlocked (`authenticity`), and a table must be sealed for the
+challenge that the client has read.
 """
 
 from collections.abc import Callable
@@ -28,6 +29,7 @@ from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Failure
 from heronry_wire.canopen_objects import (
+    CHALLENGE,
     COST,
     COUNTERS,
     ERROR_HISTORY,
@@ -118,6 +120,7 @@ class PeObjects:
                 (COUNTERS, 4): lambda: self._parts.turn.standstills.long_times,
                 (COUNTERS, 5): lambda: self._parts.turn.standstills.last_long_ns // _NS_PER_MS,
                 (COUNTERS, 6): lambda: self._parts.turn.standstills.longest_ns // _NS_PER_MS,
+                (CHALLENGE, 0): self._challenge,
                 (TIME, 1): lambda: self._services.time_stamp,
                 (TIME, 2): lambda: self._services.time_age_ms(self._parts.turn.now_ns),
                 **{(COST, number): partial(self._cost, number) for number in range(1, 5)},
@@ -169,6 +172,10 @@ class PeObjects:
         wanted = {one.module for one in active_configuration.running.slice.modules}
         return _NOT_STARTED if module in wanted else _NOT_WANTED
 
+    def _challenge(self) -> int:
+        authenticity = self._parts.authenticity
+        return 0 if authenticity is None else authenticity.challenge
+
     def _module_mode(self, module: int) -> str:
         mode = self._parts.active_configuration.live.get(module)
         return "" if mode is None else self._parts.index.modules[module].modes[mode].name
@@ -189,7 +196,7 @@ class PeObjects:
         authenticity = self._parts.authenticity
         content = written if authenticity is None else authenticity.opened(written)
         if content is None:
-            self._parts.turn.note("table", "a table is refused: it is not sealed with the key of this fleet")
+            self._parts.turn.note("table", "a table is refused: no seal of this fleet's key, for this start")
             return Abort.VALUE
         try:
             text = table_bytes(content, MOST_BYTES)

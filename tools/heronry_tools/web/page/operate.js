@@ -10,7 +10,7 @@ const ORDERS = {
   fail: { word: ({ what }) => `Fail ${what}`, says: ({ what }) => `Plan without ${what}, whatever is heard of it?`, grave: true },
   clear: { word: ({ what }) => `Clear ${what}`, says: ({ what }) => `Count ${what} as working again?` },
   kill: { word: ({ what }) => `Kill ${what}`, says: ({ what }) => `Kill the process of ${what} (SIGKILL)?`, grave: true },
-  restore: { word: ({ what }) => `Restore ${what}`, says: ({ what }) => `Start the process of ${what} again?` },
+  restore: { word: ({ what }) => `Start ${what} again`, says: ({ what }) => `Start the process of ${what} again?` },
   unlock: {
     word: ({ what }) => `Unlock ${what}`, says: ({ what }) => `Let other tools write to ${what} for a while (NMT, SDO)?`, grave: true,
     cost: "No plan changes because of this order. A tool that writes to the PE meanwhile can stop what runs there; the planner cannot foresee that.",

@@ -118,6 +118,11 @@ class BlockDownload:
         else:
             self._fail(Outcome.FAILED, "it did not answer")
 
+    def stop(self) -> None:
+        """Abort the transfer, since the node needs the value no more."""
+        self.say(abort_message(self.index, 0, Abort.DEVICE_STATE))
+        self._fail(Outcome.FAILED, "it is needed no more")
+
     def _open(self, size: int, now_ns: int) -> None:
         if not 1 <= size <= MOST_SEGMENTS:
             self._does_not_fit()
