@@ -29,7 +29,7 @@ from heronry_wire.bus_opening import open_bus
 from heronry_wire.canopen_objects import CHALLENGE, TABLE
 from heronry_wire.compressed_table import compressed
 from heronry_wire.key_file import read_key
-from heronry_wire.sdo import Abort
+from heronry_wire.sdo import Abort, read_number
 
 _ANSWER_WITHIN_S = 5.0
 _AGAIN_AFTER_S = 0.2
@@ -85,7 +85,8 @@ def _send(
             if unlock is not None:
                 unlock()
             try:
-                return _write(sdo, content if key is None else key.sealed(content, sdo[CHALLENGE].raw))
+                challenge = 0 if key is None else read_number(sdo.upload(CHALLENGE, 0))
+                return _write(sdo, content if key is None else key.sealed(content, challenge))
             except SdoError as error:
                 is_locked = isinstance(error, SdoAbortedError) and error.code == Abort.DEVICE_STATE.value
                 if unlock is None or not is_locked or time.monotonic() > give_up_s:

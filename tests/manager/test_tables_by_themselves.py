@@ -10,12 +10,13 @@ from itertools import count, pairwise
 
 import pytest
 
+from heronry_agent.core.authority import Secret
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.table_waiting import WaitingCore
 from heronry_dg.loader import loads
 from heronry_manager import events
-from heronry_manager.core.provisioning.table_bringing import FORGOTTEN_NS
 from heronry_manager.core.tables import Compiler, PeTables
+from heronry_wire.authentication import KEY_BYTES, Key
 from heronry_wire.canopen_objects import TABLE
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id
@@ -48,10 +49,12 @@ class Flight:
     """Two PEs that are available, one that waits, and their manager.
 
     change: what becomes of message number `at` between manager and waiting PE; None: nothing.
+    key: of both; then the PE draws another challenge at each start, and no other PE proves anything.
     """
 
-    def __init__(self, change: Change | None = None, at: int = -1) -> None:
-        self.manager = OneManager(brings_tables=True)
+    def __init__(self, change: Change | None = None, at: int = -1, *, key: Key | None = None) -> None:
+        self.key, self.starts = key, 0
+        self.manager = OneManager(key=key, brings_tables=True)
         self.manager.start(fly=False)
         self.manager.die(PE)
         self.manager.pass_time(1_200 * MS)
@@ -63,7 +66,9 @@ class Flight:
         self.restart_pe()
 
     def restart_pe(self) -> None:
-        self.pe = WaitingCore(NODE, 1_000_000, self.manager.now_ns)
+        self.starts += 1
+        secret = None if self.key is None else Secret(self.key, self.starts.to_bytes(8))
+        self.pe = WaitingCore(NODE, 1_000_000, self.manager.now_ns, secret)
 
     def fly(self, until: Callable[[], bool], longest_ns: int = LONGEST_NS) -> bool:
         """Fly until something holds; tells whether it came to hold."""
@@ -82,7 +87,7 @@ class Flight:
         self._collect()
         while self.on_the_way and self.on_the_way[0][0] <= manager.now_ns:
             frame = heappop(self.on_the_way)[2]
-            if frame.can_id == sdo_request_id(NODE):
+            if frame.can_id in self.pe.identifiers:
                 self._do(self.pe.step(manager.now_ns, Received(0, frame)))
             else:
                 manager.hear(frame)
@@ -100,7 +105,7 @@ class Flight:
     def _collect(self) -> None:
         new, self.sent = self.manager.frames[self.sent :], len(self.manager.frames)
         for frame in new:
-            if frame.can_id == sdo_request_id(NODE):
+            if frame.can_id in self.pe.identifiers:
                 self._pass_on(frame)
 
     def _pass_on(self, frame: Frame) -> None:
@@ -121,17 +126,18 @@ class Flight:
         """The PE gets its table, and no other PE is lost."""
         assert self.fly(self.has_table), self.notes
         assert self.pe.table == OWN
-        assert [one.pe for one in self.manager.of(events.PeLost)] == [PE]
+        assert {one.pe for one in self.manager.of(events.PeLost)} <= {PE}
 
 
-def messages_of_a_transfer() -> int:
-    flight = Flight()
+def messages_of_a_transfer(key: Key | None = None) -> int:
+    flight = Flight(key=key)
     flight.judge()
     assert flight.fly(lambda: bool(flight.manager.of(events.TableBrought)))
     return flight.messages
 
 
-MESSAGES = messages_of_a_transfer()
+KEY = Key(b"k" * KEY_BYTES)
+MESSAGES, KEYED_MESSAGES = messages_of_a_transfer(), messages_of_a_transfer(KEY)
 
 
 def test_a_waiting_pe_is_brought_its_table_in_a_tenth_of_the_bus() -> None:
@@ -152,9 +158,17 @@ def test_whatever_becomes_of_a_message_the_pe_gets_its_whole_table_or_none_yet(n
         Flight(CHANGES[name], at).judge()
 
 
-@pytest.mark.parametrize("at", [0, 1, MESSAGES // 2, MESSAGES - 2, MESSAGES - 1])
-def test_a_pe_that_restarts_during_the_transfer_is_brought_the_table_anew(at: int) -> None:
-    flight = Flight()
+@pytest.mark.parametrize("name", CHANGES)
+def test_with_a_key_it_is_the_same_and_the_challenge_goes_first(name: str) -> None:
+    few = (0, 1, 2, 3, KEYED_MESSAGES // 2, *range(KEYED_MESSAGES - 4, KEYED_MESSAGES))
+    for at in range(KEYED_MESSAGES) if IS_WHOLE else few:
+        Flight(CHANGES[name], at, key=KEY).judge()
+
+
+@pytest.mark.parametrize("key", [None, KEY])
+@pytest.mark.parametrize("at", [0, 1, 2, MESSAGES // 2, MESSAGES - 2, MESSAGES - 1])
+def test_a_pe_that_restarts_during_the_transfer_is_brought_the_table_anew(at: int, key: Key | None) -> None:
+    flight = Flight(key=key)
     assert flight.fly(lambda: flight.messages > at)
     flight.restart_pe()
     flight.judge()
@@ -217,12 +231,15 @@ def test_a_pe_that_is_not_heard_any_more_is_forgotten() -> None:
     manager.start(fly=False)
     manager.die(PE)
     manager.pass_time(1_500 * MS)
-    for _ in range(3):
-        waits(manager)
-        manager.pass_time(1_100 * MS)
+    for pause_ms in (1_000, 2_000, 4_000):
+        assert waits(manager)
+        manager.pass_time((1_000 + pause_ms) * MS)
+    assert waits(manager)
+    manager.pass_time(1_000 * MS)  # without an answer: a pause of 8 s begins
+    assert not waits(manager)
     before = len(manager.frames)
-    manager.pass_time(2 * FORGOTTEN_NS)
-    assert len([one for one in manager.frames[before:] if one.can_id == sdo_request_id(NODE)]) <= 1
+    manager.pass_time(10_000 * MS)
+    assert not [one for one in manager.frames[before:] if one.can_id == sdo_request_id(NODE)]
 
 
 def test_a_manager_that_falls_silent_forgets_the_transfer() -> None:
@@ -331,3 +348,25 @@ def test_a_transfer_ends_when_its_pe_flies() -> None:
     assert len(sent) <= 2
     assert sent[-1] == abort_message(TABLE, 0, Abort.DEVICE_STATE)
     assert not flight.manager.of(events.TableBrought)
+
+
+def test_with_a_key_a_pe_that_flies_before_its_table_is_sealed_is_left_alone() -> None:
+    flight = Flight(key=KEY)
+    assert flight.fly(lambda: flight.messages == 1)  # the challenge was requested
+    flight.manager.live(PE)
+    flight.manager.pass_time(3_000 * MS)
+    flight.manager.hear(Frame(sdo_response_id(NODE), b"\x43\x23\x20\x00\x01\x02\x03\x04"))
+    assert flight.messages == 1
+    assert not flight.manager.of(events.TableNotTaken)
+
+
+def test_an_acknowledgement_of_more_segments_than_were_sent_ends_the_transfer() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start(fly=False)
+    manager.die(PE)
+    manager.pass_time(1_500 * MS)
+    assert waits(manager)
+    manager.hear(Frame(sdo_response_id(NODE), b"\xa4\x20\x20\x00\x7f\x00\x00\x00"))
+    manager.hear(Frame(sdo_response_id(NODE), b"\xa2\x7e\x7f\x00\x00\x00\x00\x00"))
+    (told,) = manager.of(events.TableNotTaken)
+    assert told.why == "an answer did not fit"
