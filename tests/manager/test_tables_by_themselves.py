@@ -355,7 +355,7 @@ def test_with_a_key_a_pe_that_flies_before_its_table_is_sealed_is_left_alone() -
     assert flight.fly(lambda: flight.messages == 1)  # the challenge was requested
     flight.manager.live(PE)
     flight.manager.pass_time(3_000 * MS)
-    flight.manager.hear(Frame(sdo_response_id(NODE), b"\x43\x23\x20\x00\x01\x02\x03\x04"))
+    flight.manager.hear(Frame(sdo_response_id(NODE), b"\x43\x24\x20\x00\x01\x02\x03\x04"))
     assert flight.messages == 1
     assert not flight.manager.of(events.TableNotTaken)
 
