@@ -6,7 +6,7 @@ Where there is no Chromium, tests of the page are skipped, but not in CI.
 import os
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from heronry_tools.web.orders import Orders
 from heronry_tools.web.questions import Questions
 from heronry_tools.web.recording import Recording
 from heronry_tools.web.serving import access, configuration, listening
+from heronry_wire.frame import LoggedFrame
 from web.flight import big_blue, flown
 
 FLAGS = [
@@ -58,13 +59,14 @@ class Server:
         orders: Orders | None = None,
         spec: Spec | None = None,
         file: Path | None = None,
+        frames: Sequence[LoggedFrame] = (),
     ) -> None:
         """Serve big_blue, or another spec from its file."""
         spec = spec or big_blue()
         self._listener = listening("127.0.0.1", 0)
         self.access: Access = access(self._listener, operates=operates)
         questions = Questions(spec, file or shipped_spec_path("big_blue"))
-        self.site = Site(spec, shown, questions, orders or Orders(None), self.access)
+        self.site = Site(spec, shown, questions, orders or Orders(None), self.access, frames)
         self._server = uvicorn.Server(configuration(self.site))
         self._thread = threading.Thread(target=self._server.run, kwargs={"sockets": [self._listener]}, daemon=True)
 

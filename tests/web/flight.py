@@ -8,6 +8,7 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.core.vocabulary import EnterPhase
 from heronry_manager.events import BusSeen, Event
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_wire.frame import LoggedFrame
 
 S = 1_000_000_000
 
@@ -17,10 +18,19 @@ def big_blue() -> Spec:
     return load(shipped_spec_path("big_blue"))
 
 
-@cache
 def flown() -> tuple[Event, ...]:
     """The flight computer dies and comes back, then a phase begins, and the navigation computer dies."""
-    flight = Simulation(big_blue(), 41)
+    return _flown()[0]
+
+
+def flown_frames() -> tuple[LoggedFrame, ...]:
+    """The frames of that flight, on all buses."""
+    return _flown()[1]
+
+
+@cache
+def _flown() -> tuple[tuple[Event, ...], tuple[LoggedFrame, ...]]:
+    flight = Simulation(big_blue(), 41, keep_trace=True)
     flight.run_until(2 * S)
     flight.fleet.kill("flight")
     flight.run_for(1 * S)
@@ -31,7 +41,8 @@ def flown() -> tuple[Event, ...]:
     flight.fleet.kill("nav")
     flight.run_for(2 * S)
     loads = [load_line(second) for second in range(1, flight.now_ns // S)]
-    return tuple(sorted([*flight.events, *loads], key=lambda event: event.t_ns))
+    frames = tuple(LoggedFrame(sent.end_ns, sent.bus, sent.frame) for sent in flight.trace)
+    return tuple(sorted([*flight.events, *loads], key=lambda event: event.t_ns)), frames
 
 
 def load_line(second: int) -> BusSeen:

@@ -36,7 +36,7 @@ plants:
   elevator: {moved_by: [elevator_servo_1], seen_by: [elevator_angle_sensor], criticality: A}
 """
 NEWEST = 40  # events that the page shows without a click
-PANELS = ("graph", "timeline", "buses", "events", "what-if")
+PANELS = ("graph", "timeline", "buses", "events", "plots", "what-if")
 
 
 @pytest.fixture(scope="module")

@@ -105,7 +105,8 @@ def _posts() -> Iterator[bytes]:
 
 def _gets() -> Iterator[bytes]:
     paths = ("/", "/page/main.js", "/api/facts", "/api/graph?function=elevator", "/api/snapshot?at_ns=900000000")
-    for path in (*paths, "/api/events.jsonl", "/api/flight.log", "/api/snapshot?at_ns=1e400"):
+    values = "/api/values?variable=altitude&from_ns=1&to_ns=900000000&points=9"
+    for path in (*paths, values, "/api/events.jsonl", "/api/flight.log", "/api/snapshot?at_ns=1e400"):
         yield f"GET {path}\r\nHost: 127.0.0.1:{_PORT}".encode()
 
 

@@ -5,7 +5,7 @@ Only requests that the guard (`guard`) has let in get here.
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,6 +18,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
 
 from heronry_dg.model import Spec
 from heronry_tools.watch.snapshot import document
@@ -26,19 +27,37 @@ from heronry_tools.web.guard import Access, Guard
 from heronry_tools.web.live import Live
 from heronry_tools.web.orders import Orders
 from heronry_tools.web.picture import picture
+from heronry_tools.web.plots.asked import PlotError, checked_variables
+from heronry_tools.web.plots.recorded import RecordedPlots
 from heronry_tools.web.questions import Questions
 from heronry_tools.web.recording import Recording
-from heronry_tools.web.stream import live_stream, recorded_stream
+from heronry_tools.web.stream import live_stream, recorded_stream, values_stream
 from heronry_wire.frame import LoggedFrame, format_log_line
 
 PAGE: Final = Path(__file__).parent / "page"
 _MOST_BYTES: Final = 65_536  # of a question or an order
 _LOOK_S: Final = 0.2
 _FASTEST: Final = 64.0
+_USUAL_POINTS: Final = 1_500
 _NO_STORE: Final = {"cache-control": "no-store"}
 _NOBODY_WAITS: Final = Response(status_code=499)
 
 T = TypeVar("T")
+
+
+class _Closing(StreamingResponse):
+    """A stream of events that ends its generator at once when the page goes away, and not when it is collected."""
+
+    def __init__(self, events: AsyncGenerator[str]) -> None:
+        super().__init__(events, media_type="text/event-stream", headers=_NO_STORE)
+        self._events = events
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the events until there are no more, or the page goes away."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            await self._events.aclose()
 
 
 @dataclass(eq=False)
@@ -64,6 +83,11 @@ class Site:
             "orders": self.orders.kinds() if self.access.operates else [],
             "has_frames": bool(self.frames),
         }
+
+    @cached_property
+    def _recorded_plots(self) -> RecordedPlots:
+        assert isinstance(self.shown, Recording)
+        return RecordedPlots(self.shown.reducer, self.shown.events, self.frames)
 
     def picture(self, function: str) -> str:
         """Give the drawing of what contributes to a function, or of the whole graph if `function` is empty.
@@ -114,6 +138,26 @@ class Site:
             speed = min(max(_number(request, "speed", 0.0), 0.0), _FASTEST)
             lines = recorded_stream(self.shown, from_ns, speed, self.closing)
         return StreamingResponse(lines, media_type="text/event-stream", headers=_NO_STORE)
+
+    async def values(self, request: Request) -> Response:
+        """Answer with the samples of the variables that the query names (`plots`).
+
+        Of a live system this is a stream of server-sent events, without an end. Of a recording it is one JSON object,
+        with the samples from `from_ns` to `to_ns` (default: all), and at most `points` in a series.
+        A request that cannot be answered is refused with status 400.
+        """
+        try:
+            variables = checked_variables(self.spec, request.query_params.getlist("variable"))
+            if isinstance(self.shown, Live):
+                self.shown.plots.expect_room(variables)
+                return _Closing(values_stream(self.shown, variables, self.closing))
+            from_ns = round(_number(request, "from_ns", self.shown.begins_ns))
+            to_ns = round(_number(request, "to_ns", self.shown.ends_ns))
+            points = round(_number(request, "points", _USUAL_POINTS))
+            told = await asyncio.to_thread(self._recorded_plots.told, variables, from_ns, to_ns, max(1, points))
+        except PlotError as error:
+            return _refused(400, str(error))
+        return JSONResponse(told, headers=_NO_STORE)
 
     async def events(self, _: Request) -> Response:
         """Answer with a file of JSON lines: the events of the system or the recording that is shown."""
@@ -182,6 +226,7 @@ def application(site: Site, begun: Callable[[], None] = lambda: None) -> Guard:
         Route("/api/graph", site.draw),
         Route("/api/snapshot", site.snapshot),
         Route("/api/stream", site.stream),
+        Route("/api/values", site.values),
         Route("/api/events.jsonl", site.events),
         Route("/api/flight.log", site.candump),
         Route("/api/ask", site.ask, methods=["POST"]),

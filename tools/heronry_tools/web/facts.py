@@ -8,6 +8,7 @@ from typing import Any
 from heronry_dg.model import Module, Spec
 from heronry_dg.situation import elements
 from heronry_tools.analysis.diff.elements import expression_text
+from heronry_tools.watch.data_samples import has_numbers
 from heronry_tools.web.picture import contributing, symbols
 
 
@@ -28,6 +29,7 @@ def facts(spec: Spec) -> dict[str, Any]:
             variable.name: {
                 "versions": variable.versions,
                 "unit": variable.unit,
+                "has_numbers": has_numbers(variable),
                 "given_by": [
                     {"module": module.name, "mode": mode.name, "version": mode.gives[variable.name]}
                     for module, mode in spec.producers(variable.name)

@@ -21,6 +21,7 @@ from heronry_manager.shell.control_place import ControlError
 from heronry_tools.console.errors import as_user_error
 from heronry_tools.watch.live_feeds import Feed, FollowedManager
 from heronry_tools.web.live import Live
+from heronry_wire.frame import LoggedFrame
 
 _LOOK_S: Final = 0.2
 _AGAIN_S: Final = 0.3
@@ -48,9 +49,10 @@ def read_in_thread(open_feed: OpenFeed, live: Live, manager: Path | None) -> Non
 def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.AbstractEventLoop) -> None:
     room = threading.Semaphore(_MOST_WAITING)
 
-    def take(events: Sequence[Event], trouble: str | None, is_alive: bool) -> None:
+    def take(events: Sequence[Event], plotted: Sequence[LoggedFrame], trouble: str | None, is_alive: bool) -> None:
         room.release()
         live.take_all(events, trouble, is_alive=is_alive)
+        live.plots.take(plotted)
 
     feed, has_frames = None, False
     try:
@@ -62,7 +64,7 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
             has_frames = has_frames or bool(feed.frames)
             is_alive = bool(feed.frames) if has_frames else feed.trouble is None
             room.acquire()
-            loop.call_soon_threadsafe(take, events, feed.trouble, is_alive)
+            loop.call_soon_threadsafe(take, events, live.plots.picked(feed.frames), feed.trouble, is_alive)
             if feed.trouble is not None and manager is not None:
                 feed = _standby(feed, manager)
             time.sleep(max(0.0, looked_s + _BETWEEN_S - time.monotonic()))

@@ -19,6 +19,7 @@ from heronry_manager.events import Event
 from heronry_manager.events.line import to_line
 from heronry_tools.watch.reducer import Reducer, State
 from heronry_tools.watch.snapshot import Snapshot, Source
+from heronry_tools.web.plots.live import LivePlots
 
 KEPT_LINES: Final = 5_000
 KEPT_LOADS: Final = 600  # of each bus: ten minutes
@@ -64,6 +65,7 @@ class Live:
         self._lines: deque[bytes] = deque(maxlen=KEPT_LINES)  # compressed: plans are long
         self._last_came_s = time.monotonic()
         self._waiting: set[asyncio.Event] = set()
+        self.plots = LivePlots(reducer.spec)
         self.trouble: str | None = None  # why nothing comes at present
 
     @property

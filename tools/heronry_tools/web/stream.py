@@ -14,13 +14,15 @@ gone.
 import asyncio
 import json
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
+from contextlib import aclosing
 from typing import Any, Final
 
 from heronry_tools.watch.reducer import State
 from heronry_tools.watch.snapshot import Snapshot, document
 from heronry_tools.web.changes import change
 from heronry_tools.web.live import Live
+from heronry_tools.web.plots.live import live_values
 from heronry_tools.web.recording import Recording
 
 _BEAT_S: Final = 1.0
@@ -61,6 +63,13 @@ async def live_stream(live: Live, closing: asyncio.Event) -> AsyncIterator[str]:
         if time.monotonic() - beat_s >= _BEAT_S or live.trouble != told:
             beat_s, told = time.monotonic(), live.trouble
             yield _live_beat(live)
+
+
+async def values_stream(live: Live, variables: Sequence[str], closing: asyncio.Event) -> AsyncGenerator[str]:
+    """Stream the samples of these variables, until `closing` is set (`plots.live`)."""
+    async with aclosing(live_values(live.plots, variables, lambda: live.snapshot, closing)) as told:
+        async for kind, data in told:
+            yield sent(kind, data)
 
 
 def _live_beat(live: Live) -> str:

@@ -14,10 +14,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from heronry_dg.model import Spec
-from heronry_dg.traffic import identifiers
 from heronry_manager import events
+from heronry_tools.watch.data_samples import DataSource, data_sources, sample_of
 from heronry_tools.watch.recording import Recording
-from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
 
 
@@ -59,39 +58,31 @@ class _Data:
     """Collects the values of one spec's variables from data frames."""
 
     def __init__(self, spec: Spec) -> None:
-        self._of: dict[int, list[Series]] = {}
-        for (producer, name), can_id in identifiers(spec).items():
-            variable = spec.variables[name]
-            parts = _parts(variable.type)
-            self._of[can_id] = [
+        self._of: dict[int, tuple[DataSource, list[Series]]] = {}
+        for can_id, source in data_sources(spec).items():
+            name, producer, parts = source.variable, source.producer, source.parts
+            series = [
                 Series(
                     f"{producer}.{name}" + (f".{part}" if parts > 1 else ""),
-                    variable.unit or "",
+                    spec.variables[name].unit or "",
                     f"{name} as {producer} gives it",
                 )
                 for part in range(parts)
             ]
+            self._of[can_id] = source, series
 
     def take(self, t_ns: int, frame: Frame) -> None:
-        series = self._of.get(frame.can_id)
-        if series is None or frame.extended:
+        source, series = self._of.get(frame.can_id, (None, ()))
+        if source is None:
             return
-        datum = decode_data(frame)
-        if isinstance(datum, Malformed):
-            return
-        values = datum.value if isinstance(datum.value, tuple) else (datum.value,)
-        for one, value in zip(series, values, strict=False):
-            if isinstance(value, int | float):
-                one.add(t_ns, value)
+        sample = sample_of(source, frame)
+        if not isinstance(sample, Malformed):
+            for one, number in zip(series, sample.numbers, strict=False):
+                one.add(t_ns, number)
 
     def series(self) -> Iterator[Series]:
-        for series in self._of.values():
+        for _, series in self._of.values():
             yield from series
-
-
-def _parts(data_type: str) -> int:
-    """Give how many numbers a datum of a type has; CHAR4 has four, and ACHAR4, a text, counts as one."""
-    return int(data_type[-1]) if data_type[-1].isdigit() and not data_type.startswith("ACHAR") else 1
 
 
 def _states(recording: Recording) -> list[Series]:

@@ -4,6 +4,7 @@ import { ago, badge, byId, bytes, h, listed, percent, WORDS } from "./dom.js";
 import { post } from "./stream.js";
 import { stateOf, store } from "./store.js";
 import * as operate from "./operate.js";
+import * as plots from "./plots.js";
 
 let picked = null;
 let drawn = "";
@@ -52,6 +53,7 @@ export function show() {
       .map(([name, value]) => [h("dt", {}, name), h("dd", {}, String(value))])),
     h("div", { class: "group" }, rows.function ? h("a", { class: "button", href: `#/graph/${rows.function}` }, "Show in the graph") : null,
       rows.function ? h("button", { type: "button", on: { click: (event) => explain(rows.function, event.target) } }, "Why, and what would repair it") : null,
+      (rows.plots ?? []).map(plots.link),
       picked.kind === "function" ? operate.priorityButton(picked.name) : null,
       (rows.elements ?? []).map((element) => ["fail", "clear", "unlock", "kill", "restore"].map((order) => operate.button(order, element)))),
     why || h("div", { class: "explained", "aria-live": "polite" }));
@@ -120,6 +122,7 @@ const TELL = {
       state: live(snapshot, `module:${name}`),
       function: serves[0],
       elements: [`module:${name}`],
+      plots: [...new Set(of.modes.flatMap((mode) => Object.keys(mode.gives)))],
       facts: {
         state: WORDS[live(snapshot, `module:${name}`)], "runs on": one.pe ?? "no PE", mode: one.mode, "why not": one.pe ? null : one.can_run ? "it could run, and is not chosen" : "it lacks what it needs: see the crossed symbols before it",
         wires: wires.join("; "), serves: serves.join(", "), failure: one.failure, restarts: one.restarts || null, device: of.device, "may run on": of.runs_on?.join(", "), image: of.image,
@@ -131,7 +134,7 @@ const TELL = {
     const of = facts.variables[name];
     const givers = of.given_by.map((giver) => `${giver.module} (${giver.mode}, version ${giver.version})${snapshot.modules[giver.module].mode === giver.mode ? ": now" : ""}`);
     const readers = Object.entries(snapshot.modules).filter(([, one]) => Object.values(one.wires).some((wire) => wire.variable === name)).map(([reader]) => reader);
-    return { state: live(snapshot, `variable:${name}`), facts: { state: WORDS[live(snapshot, `variable:${name}`)], versions: of.versions, unit: of.unit, "given by": givers.join("; ") || "no module", "read by": listed(readers) } };
+    return { state: live(snapshot, `variable:${name}`), plots: [name], facts: { state: WORDS[live(snapshot, `variable:${name}`)], versions: of.versions, unit: of.unit, "given by": givers.join("; ") || "no module", "read by": listed(readers) } };
   },
   device: (name, snapshot, facts) => {
     const of = facts.devices[name];

@@ -6,6 +6,7 @@ import { store, takeChange, takeWhole } from "./store.js";
 import * as graph from "./graph.js";
 import * as timeline from "./timeline.js";
 import * as buses from "./buses.js";
+import * as plots from "./plots.js";
 import * as events from "./events.js";
 import * as whatIf from "./what_if.js";
 import * as pes from "./pes.js";
@@ -15,7 +16,7 @@ import * as details from "./details.js";
 import * as replay from "./replay.js";
 import * as operate from "./operate.js";
 
-const PANELS = { graph, timeline, buses, events, "what-if": whatIf };
+const PANELS = { graph, timeline, buses, plots, events, "what-if": whatIf };
 const STALE_S = 3;
 let panel = "graph";
 let heard = performance.now();
@@ -110,6 +111,7 @@ function route() {
   for (const [one, of] of Object.entries(PANELS)) {
     byId(`panel-${one}`).hidden = one !== panel;
     if (one === panel) of.opened?.(rest);
+    else of.closed?.();
   }
   for (const link of byId("tabs").querySelectorAll("a")) {
     if (link.hash === `#/${panel}`) link.setAttribute("aria-current", "page");
@@ -156,7 +158,7 @@ async function begin() {
   byId("events-file").href = fileAddress("/api/events.jsonl");
   byId("frames-file").href = fileAddress("/api/flight.log");
   byId("frames-file").hidden = !store.facts.has_frames;
-  for (const one of [graph, timeline, buses, events, whatIf, pes, functions, details, operate]) one.begin?.(show);
+  for (const one of [graph, timeline, buses, plots, events, whatIf, pes, functions, details, operate]) one.begin?.(show);
   replay.begin(connect);
   addEventListener("hashchange", route);
   addEventListener("keydown", (event) => {
