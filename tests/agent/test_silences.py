@@ -8,6 +8,8 @@ import pytest
 from agent.one_pe import (
     BEAT_NS,
     CONTROL,
+    DEMAND,
+    DEMAND_ID,
     FAR,
     FLYING,
     LEASE_NS,
@@ -26,25 +28,28 @@ from agent.one_pe import (
     neighbour_state,
     rate_frame,
 )
-from heronry_agent.core.vocabulary import Action
+from heronry_agent.core.vocabulary import Action, NotReady
+from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.management import Alive, FaultCode, Lease, Step
-from heronry_wire.protocol_times import SILENCE_REPORT_NS
+from heronry_wire.protocol_times import SILENCE_REPORT_NS, START_UP_WINDOW_NS
 from heronry_wire.silence import Silence
 
 LIMIT_NS = 5 * 25 * MS  # of `rate` and `demand`
 IN_TIME_NS = LIMIT_NS + 2 * BEAT_NS
-RATE_LEAF, DEMAND = Silence(0), Silence(1, is_output=True)
+RATE_LEAF, DEMAND_OUT = Silence(0), Silence(1, is_output=True)
 
 
 class Flight(OnePe):
     """A PE with an active manager and a neighbour; the test chooses what they send."""
 
     sends_rate = is_led = is_flanked = True
+    gives_demand = False  # the neighbour, not this PE
     neighbours_epoch: int | None = None  # None: the same as this PE's
 
     def __init__(self, wanted: Slice = FLYING, epoch: int = 7) -> None:
         super().__init__()
+        self.held: list[tuple[int, int]] = []  # steps that wait until code is loaded: module and number
         self.outputs = {CONTROL: {"demand": 1.0}, MONITOR: {"alarm": 0}}
         self.epoch = epoch
         self.configure(wanted, epoch)
@@ -60,8 +65,24 @@ class Flight(OnePe):
                 actions += self.hear(neighbour_state(epoch, 1000 + epoch), neighbour_state(epoch, 1, FAR))
             if self.sends_rate:
                 actions += self.hear(rate_frame(1.0))
+            if self.gives_demand:
+                actions += self.hear(encode_data(DEMAND_ID, Datum(NEIGHBOUR, DataType.FLOAT, 0x11, 0, 1.0)))
             actions += self.pass_time(BEAT_NS)
         return actions
+
+
+class Loading(Flight):
+    """Its partitions load their code, and hold back the steps meanwhile."""
+
+    is_loading = True
+
+    def answer(self, module: int, release: int) -> list[Action]:
+        self.held.append((module, release))
+        return super().answer(module, release) if not self.is_loading else []
+
+    def loaded(self) -> list[Action]:
+        self.is_loading = False
+        return [action for step in self.held for action in self.give(NotReady(*step))]
 
 
 def told(actions: list[Action]) -> list[tuple[int, Silence]]:
@@ -89,17 +110,37 @@ def test_a_silent_input_is_told_in_time_and_again_and_its_end() -> None:
     assert told(pe.cruise(2 * SILENCE_REPORT_NS)) == []
 
 
-def test_an_input_that_never_came_is_told() -> None:
+def test_an_input_that_never_came_is_told_when_its_producer_had_time_to_load() -> None:
     pe = Flight()
     pe.sends_rate = False
-    assert once(told(pe.cruise(IN_TIME_NS + BEAT_NS))) == [(CONTROL, RATE_LEAF)]
+    assert told(pe.cruise(START_UP_WINDOW_NS + LIMIT_NS - BEAT_NS)) == []
+    assert once(told(pe.cruise(4 * BEAT_NS))) == [(CONTROL, RATE_LEAF)]
+
+
+def test_an_input_that_came_late_is_told_in_time_when_it_is_silent_again() -> None:
+    pe = Flight()
+    for pe.sends_rate in (False, True):
+        assert told(pe.cruise(700 * MS)) == []
+    pe.sends_rate = False
+    assert once(told(pe.cruise(IN_TIME_NS))) == [(CONTROL, RATE_LEAF)]
+
+
+def test_a_module_that_loads_its_code_for_seconds_makes_nobody_report_a_silence() -> None:
+    """`rate` comes from another PE, `demand` from this one."""
+    pe = Loading()
+    pe.sends_rate = False
+    assert told(pe.cruise(START_UP_WINDOW_NS)) == []
+    assert {module for module, _ in pe.held} == {CONTROL}  # the servo waits for its demand
+    pe.sends_rate = True
+    loaded = pe.loaded()
+    assert told(loaded + pe.cruise(2 * SILENCE_REPORT_NS)) == []
 
 
 def test_an_initial_value_is_no_datum() -> None:
     """`alarm` has one, and its module gives none."""
     pe = Flight(Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}))
     pe.outputs = {}
-    reported = once(told(pe.cruise(400 * MS)))
+    reported = once(told(pe.cruise(START_UP_WINDOW_NS + 400 * MS)))
     assert (MONITOR, Silence(1)) in reported
 
 
@@ -114,6 +155,16 @@ def test_what_the_manager_knows_already_is_not_told(change: dict[str, object]) -
     assert all(module != CONTROL or silence.is_output for module, silence in reported)
 
 
+@pytest.mark.parametrize("gives_demand", [True, False])
+def test_another_datum_of_a_thinned_neighbour_shows_that_it_lives(gives_demand: bool) -> None:
+    """This PE receives few states that say nothing new: here none, after the first ones."""
+    pe = Flight(Slice((RUN_SERVO_1, RUN_MONITOR), remote={RATE: NEIGHBOUR, DEMAND: NEIGHBOUR}))
+    pe.gives_demand = True
+    pe.cruise(500 * MS)
+    pe.gives_demand, pe.is_flanked, pe.sends_rate = gives_demand, False, False
+    assert once(told(pe.cruise(2 * LIMIT_NS))) == ([(MONITOR, RATE_LEAF)] if gives_demand else [])
+
+
 def test_a_pause_of_the_process_blames_nobody() -> None:
     pe = Flight()
     pe.cruise(500 * MS)
@@ -125,16 +176,18 @@ def test_a_pause_of_the_process_blames_nobody() -> None:
 
 def test_a_source_that_moves_has_a_new_clock_and_ends_the_silence_without_a_report() -> None:
     pe = Flight()
+    pe.cruise(500 * MS)
     pe.sends_rate = False
     assert once(told(pe.cruise(IN_TIME_NS + BEAT_NS))) == [(CONTROL, RATE_LEAF)]
     pe.epoch = 8
     pe.configure(replace(FLYING, remote={RATE: FAR}), 8)
-    assert told(pe.cruise(LIMIT_NS)) == []
+    assert told(pe.cruise(START_UP_WINDOW_NS + LIMIT_NS)) == []
     assert once(told(pe.cruise(3 * BEAT_NS))) == [(CONTROL, RATE_LEAF)]
 
 
 def test_a_silence_goes_on_in_a_new_epoch_with_the_same_wire() -> None:
     pe = Flight()
+    pe.cruise(500 * MS)
     pe.sends_rate = False
     pe.cruise(400 * MS)
     pe.epoch = 8
@@ -149,10 +202,10 @@ def test_an_output_that_a_module_leaves_out_is_told_with_the_input_of_its_reader
     pe.cruise(500 * MS)
     pe.outputs = {}
     reported = told(pe.cruise(IN_TIME_NS + 3 * BEAT_NS))
-    assert once(reported) == [(CONTROL, DEMAND), (SERVO_1, Silence(0))]
+    assert once(reported) == [(CONTROL, DEMAND_OUT), (SERVO_1, Silence(0))]
     pe.outputs = {CONTROL: {"demand": 1.0}}
     reported = told(pe.cruise(10 * BEAT_NS))
-    assert set(reported) == {(SERVO_1, Silence(0, is_over=True)), (CONTROL, replace(DEMAND, is_over=True))}
+    assert set(reported) == {(SERVO_1, Silence(0, is_over=True)), (CONTROL, replace(DEMAND_OUT, is_over=True))}
 
 
 def test_a_module_without_its_inputs_is_not_told_for_its_output() -> None:
@@ -161,7 +214,7 @@ def test_a_module_without_its_inputs_is_not_told_for_its_output() -> None:
     pe.sends_rate, pe.outputs = False, {}
     reported = told(pe.cruise(2_000 * MS))
     assert (CONTROL, RATE_LEAF) in reported
-    assert (CONTROL, DEMAND) not in reported
+    assert (CONTROL, DEMAND_OUT) not in reported
 
 
 def test_a_silent_output_is_over_even_if_an_input_was_missing_meanwhile() -> None:
@@ -171,7 +224,7 @@ def test_a_silent_output_is_over_even_if_an_input_was_missing_meanwhile() -> Non
     pe.sends_rate = False
     pe.cruise(400 * MS)
     pe.sends_rate, pe.outputs = True, {CONTROL: {"demand": 1.0}}
-    assert (CONTROL, replace(DEMAND, is_over=True)) in told(pe.cruise(400 * MS))
+    assert (CONTROL, replace(DEMAND_OUT, is_over=True)) in told(pe.cruise(400 * MS))
 
 
 def test_a_module_that_has_just_started_has_time() -> None:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, replace
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from heronry_dg.model import Spec
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.core.vocabulary import ClearElement, FailElement
 from heronry_manager.shell.control_client import call
+from heronry_manager.shell.control_protocol import Spoken
 from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.cli import main
 from heronry_tools.console.contingencies_argument import Ahead
@@ -37,13 +39,16 @@ pytestmark = pytest.mark.live
 RADIO_LINK = Path("dg_specs/examples/radio_link.dg.yaml")
 PATIENCE_S = 150
 HEARTBEAT_NS = 320_000_000  # so long that a busy computer keeps up
-SILENT_PITOT = """
+SPOILT_PITOT = """
 from pathlib import Path
 from heronry_agent.module import Module
 
 
 class Pitot(Module):
     def step(self, inputs):
+        if Path(__file__).with_name("fails").exists():
+            Path(__file__).with_name("fails").unlink()
+            raise OSError("no answer from the sensor")
         return {} if Path(__file__).with_name("blocked").exists() else {"differential_pressure": 2.5}
 """
 
@@ -80,6 +85,10 @@ class Aircraft:
                 assert all(one["type"] for one in findings if not one["ok"])
                 return wrong
             assert time.monotonic() < end_s, findings
+
+    def order(self, order: Spoken) -> None:
+        """Give an order to the manager, which may refuse it: not every PE counts as failed when it is cleared."""
+        call(self.fleet.control_socket(126), order)
 
     def go(self) -> None:
         """Wait until the command says GO."""
@@ -125,11 +134,11 @@ def test_a_small_aircraft_goes_and_does_not_without_its_ground_station() -> None
 
 @pytest.fixture(scope="module")
 def big_blue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Aircraft]:
-    """big_blue with a pitot tube that can be blocked, on its balloon."""
+    """big_blue with a pitot tube that can be blocked, or fail once, on its balloon."""
     folder = tmp_path_factory.mktemp("big_blue")
-    (folder / "silent_pitot.py").write_text(SILENT_PITOT)
+    (folder / "spoilt_pitot.py").write_text(SPOILT_PITOT)
     text = Path("dg_specs/big_blue.dg.yaml").read_text()
-    spoilt = text.replace("pitot_driver: {device: pitot,", "pitot_driver: {device: pitot, image: 'silent_pitot:Pitot',")
+    spoilt = text.replace("pitot_driver: {device: pitot,", "pitot_driver: {device: pitot, image: 'spoilt_pitot:Pitot',")
     assert spoilt != text
     file = folder / "big_blue.dg.yaml"
     file.write_text(spoilt)
@@ -141,206 +150,106 @@ def big_blue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Aircraft]:
         del os.environ["PYTHONPATH"]
 
 
-Break = Callable[[Aircraft], None]
+def killed(aircraft: Aircraft, pe: str) -> Iterator[None]:
+    """A PE without power."""
+    aircraft.fleet.kill_pe(pe)
+    yield
+    aircraft.fleet.start_pe(pe)
+    aircraft.order(ClearElement(f"pe:{pe}"))
 
 
-def restarted(aircraft: Aircraft, pe: str, *, prepare: Break, repair: Break) -> tuple[Break, Break]:
-    """Break a PE by starting it otherwise, and mend it by starting it as before."""
-
-    def spoil(one: Aircraft) -> None:
-        one.fleet.kill_pe(pe)
-        prepare(one)
-        one.fleet.start_pe(pe)
-
-    def mend(one: Aircraft) -> None:
-        one.fleet.kill_pe(pe)
-        repair(one)
-        one.fleet.start_pe(pe)
-        call(one.fleet.control_socket(126), ClearElement(f"pe:{pe}"))
-
-    del aircraft
-    return spoil, mend
+def restarted(aircraft: Aircraft, pe: str, prepare: Callable[[], None], repair: Callable[[], None]) -> Iterator[None]:
+    """A PE that was started otherwise, and afterwards as before."""
+    aircraft.fleet.kill_pe(pe)
+    prepare()
+    aircraft.fleet.start_pe(pe)
+    yield
+    aircraft.fleet.kill_pe(pe)
+    repair()
+    aircraft.fleet.start_pe(pe)
+    aircraft.order(ClearElement(f"pe:{pe}"))
 
 
-class Tables:
-    """The table files of the PEs, of which one can be exchanged for another."""
-
-    def __init__(self, aircraft: Aircraft) -> None:
-        self.folder = aircraft.fleet.folder / "tables"
-        self.kept = {file: file.read_text() for file in self.folder.glob("*.table")}
-
-    def write(self, pe: str, change: Callable[[PeTable], PeTable]) -> None:
-        file = self.folder / f"{pe}.table"
-        table = change(PeTable.from_json(self.kept[file]))
-        file.write_text(with_check_sum({name: getattr(table, name) for name in table.__dataclass_fields__}))
-
-    def restore(self) -> None:
-        for file, text in self.kept.items():
-            file.write_text(text)
+def other_table(aircraft: Aircraft, pe: str, change: Callable[[PeTable], PeTable]) -> Iterator[None]:
+    """A PE with a table that was changed, and has a valid check sum."""
+    file = aircraft.fleet.folder / "tables" / f"{pe}.table"
+    kept = file.read_text()
+    table = change(PeTable.from_json(kept))
+    changed = with_check_sum({name: getattr(table, name) for name in table.__dataclass_fields__})
+    yield from restarted(
+        aircraft, pe, lambda: file.write_text(changed) and None, lambda: file.write_text(kept) and None
+    )
 
 
-@pytest.mark.soak
-@pytest.mark.timing
-def test_big_blue_goes_with_its_ground_station_and_each_broken_thing_is_named(big_blue: Aircraft) -> None:
-    aircraft, fleet = big_blue, big_blue.fleet
-    manager = fleet.control_socket(126)
-    aircraft.go()
-
-    def broken(name: str, check: str, says: str, spoil: Break, mend: Break, *options: str) -> None:
-        def is_named_alone(found: dict[str, str]) -> bool:
-            """A PE that was restarted for it has joined again, too."""
-            beside = found.keys() - {check, "functions", "epoch", "radio"}
-            return says in found.get(check, "") and not beside
-
-        spoil(aircraft)
-        try:
-            print(f"{name}: {aircraft.wrong(*options, until=is_named_alone)}")
-        finally:
-            mend(aircraft)
-        aircraft.go()
-
-    def kill(pe: str) -> Break:
-        return lambda one: one.fleet.kill_pe(pe) and None
-
-    def start(pe: str) -> Break:
-        def do(one: Aircraft) -> None:
-            one.fleet.start_pe(pe)
-            call(manager, ClearElement(f"pe:{pe}"))
-
-        return do
-
-    broken("PE", "PE", "air is not heard", kill("air"), start("air"))
-    broken("PE beyond the gateway", "PE", "ground is not heard", kill("ground"), start("ground"))
-
-    tables = Tables(aircraft)
-    for name, check, says, change in (
-        (
-            "a table compiled otherwise",
-            "tables",
-            "wing stages nothing: its table was compiled otherwise",
-            lambda table: replace(table, cpu_millis=table.cpu_millis + 1),
-        ),
-        (
-            "the table of another spec",
-            "tables",
-            "wing (97) has a table of another spec",
-            lambda table: replace(table, spec_digest="cd" * 32, cpu_millis=table.cpu_millis + 1),
-        ),
-    ):
-        spoil, mend = restarted(
-            aircraft,
-            "wing",
-            prepare=lambda _, change=change: tables.write("wing", change),
-            repair=lambda _: tables.restore(),
-        )
-        broken(name, check, says, spoil, mend)
-
-    env = fleet._environment
+def without_image(aircraft: Aircraft) -> Iterator[None]:
+    """A PE on which the code of a module is missing."""
+    env = aircraft.fleet._environment
     path = env["PYTHONPATH"]
-    spoil, mend = restarted(
-        aircraft,
-        "air",
-        prepare=lambda _: env.update(PYTHONPATH=""),
-        repair=lambda _: env.update(PYTHONPATH=path),
-    )
+    yield from restarted(aircraft, "air", lambda: env.update(PYTHONPATH=""), lambda: env.update(PYTHONPATH=path))
+    aircraft.wrong(until=lambda found: "PE" not in found)  # a PE hears no order before it has joined again
+    aircraft.order(ClearElement("module:pitot_driver"))
 
-    def mend_image(one: Aircraft) -> None:
-        mend(one)
-        one.wrong(until=lambda found: "PE" not in found)  # a PE hears no order before it has joined again
-        call(manager, ClearElement("module:pitot_driver"))
 
-    broken("image", "images", "module:pitot_driver", spoil, mend_image)
+def file_there(aircraft: Aircraft, name: str) -> Iterator[None]:
+    """A file that the pitot tube looks for."""
+    file = aircraft.file.with_name(name)
+    file.touch()
+    yield
+    file.unlink(missing_ok=True)
 
-    blocked = aircraft.file.with_name("blocked")
-    broken(
-        "sensor",
-        "inputs",
-        "pitot_driver on air gives no differential_pressure",
-        lambda _: blocked.touch(),
-        lambda _: blocked.unlink(),
-    )
 
+def of_the_future(aircraft: Aircraft) -> Iterator[None]:
+    """A spec that was written later than it is now, as on a computer that has lost its time."""
     os.utime(aircraft.file, (time.time() + 10**6, time.time() + 10**6))
-    broken("clock", "clock", "was written at", lambda _: None, lambda _: os.utime(aircraft.file))
+    yield
+    os.utime(aircraft.file)
 
-    key = fleet.folder / "any.key"
-    assert main(["key", str(key)]) == 0
-    broken("key", "key", "the manager has no key", lambda _: None, lambda _: None, "--key", str(key))
 
-    broken(
-        "fault",
-        "fault",
-        "module:image_archive counts as failed",
-        lambda _: call(manager, FailElement("module:image_archive")) and None,
-        lambda _: call(manager, ClearElement("module:image_archive")) and None,
-    )
+def declared_failed(aircraft: Aircraft) -> Iterator[None]:
+    """A module that the operator has declared failed."""
+    aircraft.order(FailElement("module:image_archive"))
+    yield
+    aircraft.order(ClearElement("module:image_archive"))
 
-    pid = fleet.processes()["manager 126"]
+
+def full_disk(aircraft: Aircraft) -> Iterator[None]:
+    """A manager whose files cannot grow."""
+    pid = aircraft.fleet.processes()["manager 126"]
     limits = resource.prlimit(pid, resource.RLIMIT_FSIZE)
-
-    def full(_: Aircraft) -> None:
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, limits[1]))
-        call(manager, FailElement("device:recorder"))
-        call(manager, ClearElement("device:recorder"))
-
-    broken(
-        "journal",
-        "journal",
-        "cannot be written",
-        full,
-        lambda _: resource.prlimit(pid, resource.RLIMIT_FSIZE, limits) and None,
-    )
-
-    with late_states(aircraft, "payload"):
-        aircraft.wrong(until=lambda found: found.keys() - {"epoch"} == {"late"} and "payload" in found["late"])
-    aircraft.go()
-
-    with flooded(aircraft):
-        wrong = aircraft.wrong(until=lambda found: "load" in found)
-        assert "of the bit rate are used" in wrong["load"]
-    aircraft.go()
-
-    made = list(fleet._contingency_flags)
-    fleet.kill_manager()
-    fleet._contingency_flags[:] = ["--contingencies", "none"]
-    drain(fleet)
-    aircraft.wrong(until=lambda found: found.keys() == {"contingencies"})
-    fleet.kill_manager()
-    fleet._contingency_flags[:] = made
-    drain(fleet)
-    aircraft.go()
-
-    aircraft.file.write_text(aircraft.file.read_text().replace("priority: 50", "priority: 51"))
-    aircraft.wrong(until=lambda found: found.keys() == {"spec"})
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, limits[1]))
+    aircraft.order(FailElement("device:recorder"))
+    aircraft.order(ClearElement("device:recorder"))
+    yield
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)
 
 
-@contextmanager
-def late_states(aircraft: Aircraft, pe: str) -> Iterator[None]:
-    """A PE that stands still for two and a half heartbeat periods in every second."""
+def in_thread(repeat: Callable[[threading.Event], None]) -> Iterator[None]:
+    """Something that goes on until its event is set."""
     ended = threading.Event()
-
-    def hold_up() -> None:
-        while not ended.wait(0.8):
-            aircraft.fleet.stop(pe)
-            time.sleep(2.5 * HEARTBEAT_NS / 1e9)
-            aircraft.fleet.go_on(pe)
-
-    thread = threading.Thread(target=hold_up)
+    thread = threading.Thread(target=repeat, args=(ended,))
     thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
+    yield
+    ended.set()
+    thread.join()
 
 
-@contextmanager
+def late_states(aircraft: Aircraft) -> Iterator[None]:
+    """A PE that stands still for two and a half heartbeat periods, again and again."""
+
+    def hold_up(ended: threading.Event) -> None:
+        while not ended.wait(2.5 * HEARTBEAT_NS / 1e9):
+            aircraft.fleet.stop("payload")
+            time.sleep(2.5 * HEARTBEAT_NS / 1e9)
+            aircraft.fleet.go_on("payload")
+
+    return in_thread(hold_up)
+
+
 def flooded(aircraft: Aircraft) -> Iterator[None]:
     """A stranger that fills the manager's bus with frames of the lowest priority."""
-    ended = threading.Event()
     place = aircraft.buses[aircraft.spec.manager.bus].channel
 
-    def flood() -> None:
+    def flood(ended: threading.Event) -> None:
         message = can.Message(arbitration_id=2031, data=bytes(8), is_extended_id=False)
         with can.Bus(interface="softbus", channel=place) as bus:
             while not ended.is_set():
@@ -349,10 +258,102 @@ def flooded(aircraft: Aircraft) -> Iterator[None]:
                 except can.CanError:
                     time.sleep(0.001)
 
-    thread = threading.Thread(target=flood)
-    thread.start()
+    return in_thread(flood)
+
+
+def without_plans_made_ahead(aircraft: Aircraft) -> Iterator[None]:
+    """A manager that was started without contingencies."""
+    fleet = aircraft.fleet
+    made = list(fleet._contingency_flags)
+    fleet.kill_manager()
+    fleet._contingency_flags[:] = ["--contingencies", "none"]
+    drain(fleet)
+    yield
+    fleet.kill_manager()
+    fleet._contingency_flags[:] = made
+    drain(fleet)
+
+
+def changed_spec(aircraft: Aircraft) -> Iterator[None]:
+    """A file that is no longer what the manager flies."""
+    text = aircraft.file.read_text()
+    aircraft.file.write_text(text.replace("priority: 50", "priority: 51"))
+    yield
+    aircraft.file.write_text(text)
+
+
+@dataclass(frozen=True, slots=True)
+class Broken:
+    """A thing to break: the check and the words that must name it, how to break and mend it, options.
+
+    broken: breaks it up to its `yield`, and mends it after that.
+    """
+
+    check: str
+    says: str
+    broken: Callable[[Aircraft], Iterator[None]]
+    options: Callable[[Aircraft], tuple[str, ...]] = lambda _: ()
+
+
+def any_key(aircraft: Aircraft) -> tuple[str, ...]:
+    """Expect a key that the manager does not have."""
+    file = aircraft.fleet.folder / "any.key"
+    assert file.exists() or main(["key", str(file)]) == 0
+    return "--key", str(file)
+
+
+THINGS = {
+    "a PE": Broken("PE", "air is not heard", partial(killed, pe="air")),
+    "a PE beyond the gateway": Broken("PE", "ground is not heard", partial(killed, pe="ground")),
+    "a table compiled otherwise": Broken(
+        "tables",
+        "wing stages nothing: its table was compiled otherwise",
+        partial(other_table, pe="wing", change=lambda table: replace(table, cpu_millis=table.cpu_millis + 1)),
+    ),
+    "the table of another spec": Broken(
+        "tables",
+        "wing (97) has a table of another spec",
+        partial(other_table, pe="wing", change=lambda table: replace(table, spec_digest="cd" * 32)),
+    ),
+    "an image": Broken("images", "module:pitot_driver", without_image),
+    "a module that fails once": Broken(
+        "module", "module:pitot_driver failed on air", partial(file_there, name="fails")
+    ),
+    "a sensor": Broken(
+        "inputs", "pitot_driver on air gives no differential_pressure", partial(file_there, name="blocked")
+    ),
+    "the clock": Broken("clock", "was written at", of_the_future),
+    "the key": Broken("key", "the manager has no key", lambda _: iter((None,)), any_key),
+    "a fault that was not cleared": Broken("fault", "module:image_archive counts as failed", declared_failed),
+    "the journal": Broken("journal", "cannot be written", full_disk),
+    "late states": Broken("late", "payload", late_states),
+    "the load": Broken("load", "of the bit rate are used", flooded),
+    "plans made ahead": Broken("contingencies", "has no plans made ahead", without_plans_made_ahead),
+    "the spec": Broken("spec", "big_blue", changed_spec),
+}
+FOLLOWS = {"functions", "epoch", "radio"}  # checks that may be wrong because of what is broken
+
+
+@pytest.mark.soak
+@pytest.mark.timing
+@pytest.mark.parametrize("thing", [None, *THINGS])
+def test_big_blue_goes_with_its_ground_station_and_each_broken_thing_is_named_alone(
+    big_blue: Aircraft, thing: str | None
+) -> None:
+    big_blue.go()
+    if thing is None:
+        return
+    one = THINGS[thing]
+
+    def is_named_alone(found: dict[str, str]) -> bool:
+        """A PE that was restarted for it has joined again, too."""
+        return one.says in found.get(one.check, "") and not found.keys() - {one.check} - FOLLOWS
+
+    options = one.options(big_blue)
+    broken = one.broken(big_blue)
+    next(broken)
     try:
-        yield
+        print(f"{thing}: {big_blue.wrong(*options, until=is_named_alone)}")
     finally:
-        ended.set()
-        thread.join()
+        next(broken, None)
+    big_blue.go()

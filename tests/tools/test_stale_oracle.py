@@ -19,6 +19,8 @@ from lab import stale
 from scenarios.flights import elevator_and_chute
 
 SPARE = load(Path(__file__).parents[1] / "scenarios/spare_barometer.dg.yaml")
+FAIL_OVER = load(Path(__file__).parents[2] / "dg_specs/examples/fail_over.dg.yaml")
+DEATH = "0.4 crash pe:right"
 SILENT = "0.5 silent module:state_estimator for 1.5"
 
 
@@ -76,6 +78,20 @@ def test_it_finds_a_pe_that_reports_nothing(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(SilenceReports, "tick", lambda *_: ())
     assert rules(flown(SILENT)[0]) == {"stale"}
     assert flown(SILENT, "2.5 reboot pe:control_pe for 0.03")[0].violations == ()  # not promised beside other faults
+
+
+def test_it_finds_a_pe_that_gives_a_new_producer_no_time_to_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A silent module moves to another PE, where it never gives a datum."""
+
+    def flown() -> tuple[set[str], list[int]]:
+        begun: list[Simulation] = []
+        faults = tuple(read_fault(FAIL_OVER, one) for one in ("0.2 silent module:low_quality_altitude", DEATH))
+        outcome = play(FAIL_OVER, Scenario(39, 7.0, faults), lambda simulation, _: begun.append(simulation))
+        return rules(outcome), [one.t_ns // 10**9 for one in begun[0].events_of(InputSilent)]
+
+    assert flown() == (set(), [6])
+    monkeypatch.setattr(silence_watch, "START_UP_WINDOW_NS", 0)
+    assert flown() == ({"stale"}, [1])
 
 
 def test_it_finds_an_input_that_is_not_wired(monkeypatch: pytest.MonkeyPatch) -> None:

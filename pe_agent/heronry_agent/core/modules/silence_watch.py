@@ -2,7 +2,8 @@
 
 An *input* is a wired leaf of a running module. For each input a clock runs from the last datum of its source:
 
-    never seen   no datum has come since the source got its present producer
+    never seen   no datum has come since the source got its present producer. The producer may still load its code, so
+                 the limit is longer by START_UP_WINDOW_NS. (If it runs and gives nothing, its PE reports the output)
     fresh        a datum has come within the limit: five periods of the source, at least T_lease
     silent       the clock has passed the limit; this is reported, and again its end, when a datum comes
 
@@ -21,8 +22,9 @@ The clock of an output starts again when its module is started, or when a step o
 
 *What is not reported.* If the producer has failed on this PE, or if its PE is silent itself or runs another epoch, the
 manager knows this already. So an input from another PE is reported only if a state frame of that PE with the epoch of
-this PE came after half the limit. A PE that never hears state frames of the producer, because they do not reach its
-bus, must have heard any other node instead. So a PE that hears nothing blames nobody.
+this PE came in the second half of the time. A PE receives few states that say nothing new (`thinning`), so a datum that
+came from that PE since such a state counts as well. A PE that never hears state frames of the producer, because they do
+not reach its bus, must have heard any other node instead. So a PE that hears nothing blames nobody.
 
 *A new configuration.* A silence goes on if the module still runs in the same mode, and the leaf is still wired to the
 same source on the same PE, and the silence was reported. Any other silence is dropped without a report; the manager
@@ -44,7 +46,7 @@ from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import state_id
 from heronry_wire.pe_table import ModuleEntry
-from heronry_wire.protocol_times import silent_after_ns
+from heronry_wire.protocol_times import START_UP_WINDOW_NS, silent_after_ns
 from heronry_wire.sansio import NEVER_NS
 from heronry_wire.silence import Silence
 
@@ -197,18 +199,23 @@ class SilenceWatch:
                     self._reports.over(one.module, one.silence)
                 continue
             since_ns = self._since_ns if last_ns is None else max(last_ns, self._since_ns)
-            due_ns = since_ns + one.limit_ns
-            if due_ns < now_ns and one.module in modes and self._is_the_producers(one, since_ns, modes):
+            limit_ns = one.limit_ns if last_ns is not None else one.limit_ns + START_UP_WINDOW_NS
+            due_ns = since_ns + limit_ns
+            if due_ns < now_ns and one.module in modes and self._is_the_producers(one, since_ns + limit_ns // 2, modes):
                 self._reports.begun(one.module, one.silence, since_ns)
-            next_ns = min(next_ns, due_ns)
+            next_ns = min(next_ns, due_ns, now_ns + one.limit_ns)  # a first datum may come in the next moment
         return next_ns
 
-    def _is_the_producers(self, one: _Input, since_ns: int, modes: Mapping[int, int]) -> bool:
-        """Tell whether the producer of an input runs, or its PE has been heard while the producer was silent."""
+    def _is_the_producers(self, one: _Input, after_ns: int, modes: Mapping[int, int]) -> bool:
+        """Tell whether the producer of an input runs, or its PE has been heard after `after_ns`, in the same epoch."""
         if one.producer is not None:
             return one.producer in modes
         heard_ns = self.heard_ns.get(one.state_id, self._output_authorization.heard_ns)
-        return heard_ns > since_ns + one.limit_ns // 2
+        return heard_ns > after_ns or (heard_ns > 0 and self._gives(one.state_id, after_ns))
+
+    def _gives(self, state: int, after_ns: int) -> bool:
+        """Tell whether an input has come after `after_ns` from the PE with this identifier of its states."""
+        return any(one.state_id == state and (one.box.time_ns or 0) > after_ns for one in self._inputs)
 
     def _look_at_outputs(self, modes: Mapping[int, int], now_ns: int) -> int:
         """Report the outputs; returns the time in ns at which the first of them may become silent."""

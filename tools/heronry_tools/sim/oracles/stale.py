@@ -5,7 +5,8 @@ or an output of its mode. The PE runs the epoch for at least the limit: five per
 
 - For an input that is sent on a bus of the PE: within the limit (periods of the producer's slowest mode), the
   producer's node has sent no frame with it. The producer's PE was heard meanwhile, with the same epoch: a PE that is
-  not heard at all is the manager's concern.
+  not heard at all is the manager's concern. If no datum ever came, the limit is longer by START_UP_WINDOW_NS: the
+  producer may still load its code.
 - For an output: for as long as the limit, each step of the module has left the output out, although it had a datum of
   each variable that its mode names.
 - For an input that no bus carries, the same as for the output of its producer. This is not verified if other faults
@@ -16,7 +17,8 @@ The end of a silence is reported only after its begin.
 *Complete* (`untold`). In a flight in which modules fell silent and nothing else happened, each of these silences was
 reported in time: by the PE of the module for each output, and by the PE of each reader for each wired leaf. In time is
 the limit after the last datum, and two heartbeats of the reporting PE. A PE sends one report in a heartbeat period, so
-each other silence that the same PE reports adds one heartbeat.
+each other silence that the same PE reports adds one heartbeat. An input that fell silent before the reader's PE had
+been active in its epoch for the limit counts as one that never came.
 
 Not verified: what a PE reports while it runs an epoch whose configuration cannot be put together from the frames.
 """
@@ -31,7 +33,7 @@ from heronry_dg.traffic import identifiers
 from heronry_manager.core.topology import uplink_bus
 from heronry_tools.recording.commanded import Commanded
 from heronry_tools.sim.oracles.epochs import EpochCheck
-from heronry_tools.sim.oracles.limits import LEASE_PERIODS, SILENCE_REPORT_NS, SILENT_PERIODS
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS, SILENCE_REPORT_NS, SILENT_PERIODS, START_UP_WINDOW_NS
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
@@ -219,13 +221,17 @@ class StaleCheck(Oracle):
         t_ns, source = sent.end_ns, (wire.producer, wire.variable)
         since_ns = t_ns - self._limit_ns(pe, self._slowest_ns(*source)) + _SLACK_NS
         story = f"{pe} reports that {module} gets no {wire.variable} from {wire.producer}"
-        keys = [(bus, self._identifiers[source], self._node_of[origin]) for bus in self._spec.pes[pe].buses]
-        times = [at_ns for key in keys for at_ns in self._sent_ns.get(key, ())]
+        times = self._times(pe, wire, origin)
         heard = [at_ns for at_ns in times if since_ns < at_ns < t_ns - _SENDING_NS]
         if heard:
             self._wrong(sent, f"{story}, which was sent at {heard[-1] / 1e9:.3f} s")
         if origin == pe and not times and not self._is_left_out(t_ns, pe, *source, supplied=False):
             self._local.append(Violation(t_ns, "stale", f"{story}, which gives it"))
+
+    def _times(self, pe: str, wire: Wire, origin: str) -> list[int]:
+        """Return the times of the last data that a PE sent through a wire, on the buses of the reader's PE."""
+        can_id, node = self._identifiers[wire.producer, wire.variable], self._node_of[origin]
+        return [at_ns for bus in self._spec.pes[pe].buses for at_ns in self._sent_ns.get((bus, can_id, node), ())]
 
     def _assess_moment(self, sent: Sent, pe: str, leaf: tuple[str, str], wire: Wire, origin: str) -> None:
         """Verify that a PE that reports an input for the first time has waited long enough, and for a PE that lives.
@@ -233,13 +239,26 @@ class StaleCheck(Oracle):
         A silence goes on in a new epoch that wires the leaf (module and path) as the epoch before did.
         """
         epoch = self._epochs[pe]
-        since_ns = sent.end_ns - self._limit_ns(pe, self._slowest_ns(wire.producer, wire.variable)) + _SLACK_NS
+        late_ns = sent.end_ns - self._limit_ns(pe, self._slowest_ns(wire.producer, wire.variable)) + _SLACK_NS
+        since_ns = late_ns - (START_UP_WINDOW_NS if self._never_came(sent.end_ns, pe, leaf, wire, origin) else 0)
         story = f"{pe} reports that {wire.producer} is silent"
         if epoch.since_ns > since_ns and not self._was_wired(pe, leaf, wire, origin, since_ns):
             self._wrong(sent, f"{story}, but it runs this epoch only since {epoch.since_ns / 1e9:.3f} s")
         last = self._states.last.get((self._uplink[pe].name, state_id(self._node_of[origin])))
-        if origin != pe and last is not None and (last.page.epoch != epoch.number or last.t_ns < since_ns):
+        if origin != pe and last is not None and (last.page.epoch != epoch.number or last.t_ns < late_ns):
             self._wrong(sent, f"{story}, but {origin} itself is silent, or runs another epoch")
+
+    def _never_came(self, t_ns: int, pe: str, leaf: tuple[str, str], wire: Wire, origin: str) -> bool:
+        """Tell whether certainly no datum has come through a wire, since it is there.
+
+        Within a PE: the first step of the producer in this epoch gave none, and the epoch before had another wire.
+        """
+        if origin != pe:
+            return not self._times(pe, wire, origin)
+        run, since_ns = self._left_out.get((pe, wire.producer, wire.variable)), self._epochs[pe].since_ns
+        first_ns = self._missed_ns(10**12 // self._slowest_ns(wire.producer, wire.variable))
+        is_new = run is not None and abs(run.first_ns - since_ns) <= first_ns
+        return is_new and not self._was_wired(pe, leaf, wire, origin, t_ns)
 
     def _was_wired(self, pe: str, leaf: tuple[str, str], wire: Wire, origin: str, since_ns: int) -> bool:
         """Tell whether the epoch before wired a leaf in the same way, and began before `since_ns`."""
@@ -273,7 +292,7 @@ class StaleCheck(Oracle):
             gives = list(running.mode(self._spec, module).gives)
             for variable in gives[number - 1 : number] if number else gives:
                 yield from self._of_output(here.pe, module, variable)
-                yield from self._of_readers(running, module, variable, max(from_ns, active_ns))
+                yield from self._of_readers(running, module, variable, from_ns, active_ns)
 
     def _of_output(self, pe: str, module: str, variable: str) -> Iterator[tuple[_Key, int]]:
         run, running = self._left_out.get((pe, module, variable)), self._configuration(pe)
@@ -292,18 +311,19 @@ class StaleCheck(Oracle):
             yield key, self._due_ns(pe, begin_ns, period_ns)
 
     def _of_readers(
-        self, running: Configuration, module: str, variable: str, since_ns: int
+        self, running: Configuration, module: str, variable: str, silent_ns: int, given_ns: int
     ) -> Iterator[tuple[_Key, int]]:
+        """Yield the silent inputs of what a module gives since `given_ns`, and does not give since `silent_ns`."""
+        period_ns = self._slowest_ns(module, variable)
         for reader, path, wire in running.wires():
             pe = running.modules[reader].pe
             active_ns = self._active_ns(pe)
             if (wire.producer, wire.variable) != (module, variable) or active_ns is None:
                 continue
             leaf = [one for one, _ in running.mode(self._spec, reader).leaves()].index(path)
-            yield (
-                (pe, reader, Silence(leaf)),
-                self._due_ns(pe, max(since_ns, active_ns), self._slowest_ns(module, variable)),
-            )
+            wired_ns = max(given_ns, active_ns)
+            loading_ns = START_UP_WINDOW_NS if silent_ns < wired_ns + self._limit_ns(pe, period_ns) else 0
+            yield (pe, reader, Silence(leaf)), self._due_ns(pe, max(silent_ns, wired_ns) + loading_ns, period_ns)
 
     def _due_ns(self, pe: str, begin_ns: int, period_ns: int) -> int:
         return begin_ns + self._limit_ns(pe, period_ns) + self._waited_ns(pe, begin_ns) + _SENDING_NS
