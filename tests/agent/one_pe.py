@@ -151,10 +151,12 @@ class OnePe(SteppedCore[Event, Action]):
         *,
         missing_images: Mapping[str, str] = MappingProxyType({}),
         secret: Secret | None = None,
+        takes_tables: bool = False,
     ) -> None:
         now_ns = 1_000 * MS
         vars(table)["identity"] = TABLE.identity  # `slice_messages` makes slices for TABLE, and for every variant of it
-        super().__init__(AgentCore(table, 5, now_ns, missing_images=missing_images, secret=secret), now_ns)
+        core = AgentCore(table, 5, now_ns, missing_images=missing_images, secret=secret, takes_tables=takes_tables)
+        super().__init__(core, now_ns)
         self.core: AgentCore
         self.done: list[tuple[int, Action]] = []
         self.outputs: dict[int, dict[str, Value]] = {}  # what each module answers

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from heronry_dg.loader import load
+from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.events import PeJoined, PeLost, Reconfigured, TableBrought
+from heronry_manager.core.tables import Compiler
+from heronry_manager.events import AnotherTable, PeJoined, PeLost, Reconfigured, TableBrought
 from heronry_tools.runtime.softbus.starter import start_hub
+from heronry_wire.pe_table import PeTable
 from live.told_events import next_event
 
 pytestmark = pytest.mark.live
@@ -71,3 +73,26 @@ def test_blank_nodes_fly_and_one_is_replaced_in_flight(nodes: Nodes, tmp_path: P
     next_event(manager.stdout, TableBrought, pe="tail_pe")
     next_event(manager.stdout, PeJoined, pe="tail_pe")
     next_event(manager.stdout, Reconfigured)
+
+
+def test_a_damaged_table_and_that_of_another_spec_are_replaced_and_kept(nodes: Nodes, tmp_path: Path) -> None:
+    text = shipped_spec_path(SPEC).read_text()
+    other = loads(text.replace("priority: ", "priority: 1"), "other.dg.yaml")
+    first, second, third = NODES
+    files = {pe: tmp_path / f"{pe}.table" for pe in NODES}
+    files[first].write_text(Compiler(other).table(first).to_json())
+    files[second].write_text(files[first].read_text()[:-7])
+    for pe, file in files.items():
+        nodes.start("heronry_agent", "--simulated", "--node", str(NODES[pe]), "--table", str(file))
+    manager = nodes.start(
+        "heronry_tools.cli", "manager", SPEC, "--json", "--contingencies", "none", "--state-dir", str(tmp_path),
+        "--socket", str(tmp_path / "manager.sock"),
+    )  # fmt: skip
+    assert manager.stdout is not None
+    next_event(manager.stdout, AnotherTable, pe=first)
+    next_event(manager.stdout, TableBrought, pe=first)
+    next_event(manager.stdout, PeJoined, pe=first)
+    next_event(manager.stdout, Reconfigured)
+    compiler = Compiler(load(shipped_spec_path(SPEC)))
+    for pe in (first, second, third):
+        assert PeTable.from_json(files[pe].read_text()) == PeTable.from_json(compiler.table(pe).to_json())

@@ -23,6 +23,7 @@ from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.sdo import Abort, abort_message
+from heronry_wire.state_frames import Reason
 from manager.one_manager import MS, SPEC_TEXT, OneManager, two_tails
 from thoroughness import IS_WHOLE
 
@@ -370,3 +371,23 @@ def test_an_acknowledgement_of_more_segments_than_were_sent_ends_the_transfer() 
     manager.hear(Frame(sdo_response_id(NODE), b"\xa2\x7e\x7f\x00\x00\x00\x00\x00"))
     (told,) = manager.of(events.TableNotTaken)
     assert told.why == "an answer did not fit"
+
+
+def test_a_pe_with_another_table_that_runs_nothing_is_brought_its_own_and_one_that_flies_is_not() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start(fly=False)
+    manager.answer()
+    manager.stage(PE, Reason.DIGEST)
+    assert not manager.core._known.health.is_available(PE)
+    assert not waits(manager, b"\x7f")  # the manager reads first which table it is
+    before = len(manager.frames)
+    manager.pass_time(2_000 * MS)
+    (asked,) = [one for one in manager.frames[before:] if one.can_id == sdo_request_id(NODE)]
+    assert asked.data[1:3] == TABLE.to_bytes(2, "little")
+    manager.hear(Frame(sdo_response_id(NODE), abort_message(TABLE, 0, Abort.DEVICE_STATE)))
+    (told,) = manager.of(events.TableNotTaken)
+    assert told.why.startswith("it keeps another table: start its agent with --node")
+    manager.reboot(PE)
+    manager.pass_time(2_000 * MS)
+    assert manager.core._known.health.is_available(PE)
+    assert not waits(manager, b"\x7f")

@@ -33,7 +33,7 @@ from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 
 from heronry_agent.core.authority import Authenticity, ExclusiveFrames, FollowedManager, OutputAuthorization, Secret
-from heronry_agent.core.canopen import CanopenNode, Parts
+from heronry_agent.core.canopen import CanopenNode, GivenTable, Parts
 from heronry_agent.core.command_acceptance import CommandAcceptance
 from heronry_agent.core.condition import Condition, StateReports
 from heronry_agent.core.configuration import ActiveConfiguration, SliceReader, Staging
@@ -59,9 +59,11 @@ from heronry_agent.core.vocabulary import (
     StepMeasured,
     Stepped,
 )
+from heronry_wire.management import NO_EPOCH
 from heronry_wire.node_cost import NodeCost
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import InvariantError, Received, Tick, require
+from heronry_wire.sdo import Abort
 from heronry_wire.standstill import StoodStill
 
 _NS_PER_MS = 1_000_000
@@ -81,6 +83,7 @@ class AgentCore:
         followed: Collection[str] | None = None,
         every_echo: bool = False,
         cost: Callable[[], NodeCost | None] = lambda: None,
+        takes_tables: bool = False,
     ) -> None:
         """Start without a configuration; the first deadline is `now_ns`.
 
@@ -93,6 +96,7 @@ class AgentCore:
         every_echo: whether the simulated plants of other PEs need an echo of every command; if not, outputs are echoed
             as often as the table says.
         cost: returns what this node costs its computer, or None while that is not known; clients read it by SDO.
+        takes_tables: whether the PE accepts another table over the bus while it runs nothing (`new_table`).
         Raises TableError where the table contradicts itself.
         """
         index = TableIndex(table)
@@ -141,6 +145,12 @@ class AgentCore:
             without_manager,
             authenticity,
         )
+        given = self._given = GivenTable(turn, index.node)
+
+        def take_table(text: bytes) -> Abort | None:
+            is_wanted = takes_tables and active_configuration.running.epoch == NO_EPOCH
+            return given.take(text) if is_wanted else Abort.DEVICE_STATE
+
         parts = Parts(
             turn,
             index,
@@ -149,6 +159,7 @@ class AgentCore:
             active_configuration,
             modules,
             facts,
+            take_table=take_table,
             authenticity=authenticity,
             cost=cost,
         )
@@ -173,6 +184,14 @@ class AgentCore:
         )
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
         self._due_ns: int | None = None  # the next deadline, once it has been computed
+
+    @property
+    def new_table(self) -> PeTable | None:
+        """The table that was given to this PE over the bus in place of its own; None: there is none.
+
+        The driver then ends this core, and starts another one with that table.
+        """
+        return self._given.table
 
     @property
     def counts(self) -> Counter[tuple[str, int]]:

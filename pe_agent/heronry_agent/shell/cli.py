@@ -18,6 +18,7 @@ from pathlib import Path
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authority import Secret
+from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.device_choice import choose_drivers, read_devices
 from heronry_agent.shell.devices import PLANT, Devices, open_drivers
@@ -37,7 +38,7 @@ from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
 from heronry_wire.key_file import read_key
 from heronry_wire.node_cost import CostMeter
-from heronry_wire.ordinary_file import read_ordinary
+from heronry_wire.ordinary_file import read_ordinary, replace_ordinary
 from heronry_wire.pe_table import PeTable, TableError
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
@@ -58,6 +59,7 @@ examples:
   pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  executes only commands tagged with the key
   pe-agent --table nav.table -i socketcan -c can0,can1             a replicated bus: both its channels
   pe-agent --node 92 -i socketcan -c can0                          waits until the manager brings its table
+  pe-agent --node 92 --table pe.table -i socketcan -c can0         the same, and keeps the table for the next start
   pe-agent --node 92 -i socketcan -c can0 --key fleet.key          the same, and takes only a table sealed with the key
 
 'heronry table SPEC PE' writes the table. The flags below are python-can's own and name the bus toward the manager;
@@ -74,7 +76,10 @@ class _IdTakenError(HeronryError):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `pe-agent`, with `argv` or the arguments of this process; returns the exit code."""
-    arguments = _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if arguments.table is None and arguments.node is None:
+        parser.error("a node needs its table or its node-ID: give --table FILE, --node ID, or both")
     try:
         return _run(arguments)
     except HeronryError as error:
@@ -91,13 +96,13 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
     )
     parser.add_argument("--version", action="version", version=f"pe-agent {program_version()}")
-    table = parser.add_mutually_exclusive_group(required=True)
-    table.add_argument("--table", type=Path, metavar="FILE", help="the table of this PE, written by 'heronry table'")
-    table.add_argument(
+    parser.add_argument("--table", type=Path, metavar="FILE", help="the table of this PE, written by 'heronry table'")
+    parser.add_argument(
         "--node",
         type=_node,
         metavar="ID",
-        help="start without a table, with this node-ID (92 to 125), and wait until the manager brings its table",
+        help="node-ID (92 to 125) with which to wait until the manager brings the table; with --table: only if the "
+        "file holds no table that can be used, or one of another spec. The table that comes is kept in the file",
     )
     parser.add_argument(
         "--bus",
@@ -149,11 +154,24 @@ def _node(text: str) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    tell, until_eof = _silent if arguments.quiet else _print_note, arguments.until_eof
+    """Run the agent with its table, and with each table that the manager brings in its place; returns the exit code."""
+    tell = _silent if arguments.quiet else _print_note
     key = None if arguments.key is None else read_key(arguments.key)
-    table = _wait_for_table(arguments, tell, key) if arguments.table is None else _read_table(arguments.table)
+    table = _first_table(arguments, tell, key)
     if table is None:
         return 0
+    with closing(BootCount(arguments.state_dir, table.node_id, lambda sentence: tell(Note("disk", sentence)))) as boots:
+        while table is not None:
+            table = _run_with(table, boots, arguments, tell, key)
+            _keep(table, arguments.table, tell)
+    return 0
+
+
+def _run_with(
+    table: PeTable, boots: BootCount, arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None
+) -> PeTable | None:
+    """Run the agent until it is stopped, or is given another table over the bus: returns that table, else None."""
+    until_eof = arguments.until_eof
     configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
     named = {} if arguments.devices is None else read_devices(arguments.devices)
@@ -177,15 +195,13 @@ def _run(arguments: argparse.Namespace) -> int:
             links.append(open_link(config, port.heartbeat_ns, port.misses))
             undo.callback(links[-1].close)
         if not _has_own_node_id(OwnNodeId.of(links, table, key), tell, until_eof=until_eof, where=" in the spec"):
-            return 0
+            return None
         if every_echo:
             tell(Note("echo", "every command is echoed: the simulated plants of other PEs follow it"))
 
         host = PartitionHost(table, devices, open_groups(tell))
         undo.callback(host.close)
         meter = CostMeter(time.monotonic_ns(), time.process_time_ns, host.used_ns)
-        boots = BootCount(arguments.state_dir, table.node_id, lambda sentence: tell(Note("disk", sentence)))
-        undo.callback(boots.close)
 
         def new_core() -> AgentCore:
             now_ns, secret = time.monotonic_ns(), _secret(key)
@@ -198,6 +214,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 followed=followed,
                 every_echo=every_echo,
                 cost=lambda: meter.last,
+                takes_tables=arguments.node is not None,
             )
 
         service = ServiceManager()
@@ -205,11 +222,43 @@ def _run(arguments: argparse.Namespace) -> int:
         driver = AgentDriver(table, new_core, host, links, key=key, tell=tell, service=service, meter=meter)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: driver.stop())
-        driver.run(until_eof=until_eof)
-        service.stopping()
+        new_table = driver.run(until_eof=until_eof)
+        if new_table is None:
+            service.stopping()
         if arguments.verbose:
             _print_counts(driver.core, links, table)
-    return 0
+    return new_table
+
+
+def _first_table(arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None) -> PeTable | None:
+    """Return the table of the file, or wait for one if there is none that can be used; None: the program is stopped.
+
+    Raises TableError if the table of the file cannot be used, and no node-ID is given with which to wait.
+    """
+    if arguments.table is not None:
+        try:
+            table = _read_table(arguments.table)
+            if arguments.node in (None, table.node_id):
+                return table
+            problem = f"{arguments.table}: it is the table of node {table.node_id}"
+        except TableError as error:
+            if arguments.node is None:
+                raise
+            problem = str(error)
+        tell(Note("table", f"{problem}. This node waits until the manager brings its table"))
+    came = _wait_for_table(arguments, tell, key)
+    _keep(came, arguments.table, tell)
+    return came
+
+
+def _keep(table: PeTable | None, file: Path | None, tell: Callable[[Note], None]) -> None:
+    """Write a table that came over the bus into its file, if there is one, so that the next start has it."""
+    if table is None or file is None:
+        return
+    try:
+        replace_ordinary(file, table.to_json().encode())
+    except OSError as error:
+        tell(Note("disk", f"{file} cannot be written ({error.strerror}): after a restart this node waits again"))
 
 
 def _has_own_node_id(own: OwnNodeId, tell: Callable[[Note], None], *, until_eof: bool, where: str = "") -> bool:
@@ -266,9 +315,11 @@ def _read_table(file: Path) -> PeTable:
         reason = error.strerror if isinstance(error, OSError) else "the file is not text"
         raise TableError(f"{file}: {reason}; write the table with 'heronry table'") from error
     try:
-        return PeTable.from_json(text)
+        table = PeTable.from_json(text)
+        TableIndex(table)
     except TableError as error:
         raise TableError(f"{file}: {error}") from error
+    return table
 
 
 def _print_counts(core: AgentCore, links: Sequence[AnyLink], table: PeTable) -> None:

@@ -32,7 +32,8 @@ neighbours' states the PE receives what is new, and enough to know that it hears
 In one turn a limited number of frames is read, more than the buffer of a socket holds: a flood of frames delays the
 state frames, but does not stop them.
 
-The loop ends when `stop` is called (by a signal), and with `until_eof` when standard input ends.
+The loop ends when `stop` is called (by a signal), with `until_eof` when standard input ends, and when the PE, which
+runs nothing, was given another table over the bus.
 """
 
 import os
@@ -111,8 +112,12 @@ class AgentDriver:
         """End the loop soon; may be called in a signal handler."""
         self._stopping = True
 
-    def run(self, *, until_eof: bool) -> None:
-        """Run until `stop` is called; with `until_eof`, also until standard input ends."""
+    def run(self, *, until_eof: bool) -> PeTable | None:
+        """Run until `stop` is called; with `until_eof`, also until standard input ends.
+
+        Returns None, or the table that was given to this PE over the bus in place of its own: then the loop ends, too,
+        when the answer to the sender is on the bus.
+        """
         self._until_eof = until_eof
         period_ns = self._table.ports[self._table.uplink].heartbeat_ns
         self._lateness = LatenessMeter(period_ns, time.monotonic_ns(), time.thread_time_ns())
@@ -138,6 +143,9 @@ class AgentDriver:
             if always and sys.stdin in ready and is_abandoned():
                 break
             self._turn(ready)
+            if self.core.new_table is not None and self._links[self._table.uplink].all_left:
+                return self.core.new_table
+        return None
 
     def _turn(self, ready: Sequence[object]) -> None:
         """Take all that has come, and do all that is due."""

@@ -27,7 +27,7 @@ from functools import partial
 from typing import Any
 
 from heronry_agent.core.authority import Authenticity, ExclusiveFrames, FollowedManager, OutputAuthorization, Secret
-from heronry_agent.core.canopen import CanopenNode, Parts
+from heronry_agent.core.canopen import CanopenNode, GivenTable, Parts
 from heronry_agent.core.configuration import ActiveConfiguration
 from heronry_agent.core.forwarding import Gateway
 from heronry_agent.core.modules import RunningModules
@@ -38,12 +38,11 @@ from heronry_agent.core.vocabulary import Action, Note
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.management import Control, Lease, Operation, SliceBody, SliceHead, decode_command
-from heronry_wire.pe_table import PeTable, Port, TableError
+from heronry_wire.pe_table import PeTable, Port
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.replicated_link import AnyLink
 from heronry_wire.sansio import NEVER_NS, Received, Send, Tick
-from heronry_wire.sdo import Abort
 
 _WAITING = Facts()
 _NS_PER_S = 1_000_000_000
@@ -60,7 +59,6 @@ class WaitingCore:
         bitrate: bit rate of the bus in bit/s.
         secret: the key of the fleet; with a key the node accepts only a sealed table, and only while it is unlocked.
         """
-        self.table: PeTable | None = None
         self._node = node
         turn, index = Turn(now_ns), TableIndex(_empty_table(node, bitrate))
         active_configuration, followed_manager = ActiveConfiguration(index), FollowedManager(index.lease_ns)
@@ -74,8 +72,9 @@ class WaitingCore:
                 turn, index, followed_manager, gateway, facts=lambda: _WAITING, pending=list, secret=secret
             )
         self._authenticity = authenticity
+        given = self._given = GivenTable(turn, node)
         parts = Parts(
-            turn, index, 0, followed_manager, active_configuration, modules, lambda: _WAITING, self._take, authenticity
+            turn, index, 0, followed_manager, active_configuration, modules, lambda: _WAITING, given.take, authenticity
         )
         self._turn, self._followed_manager, self._canopen = turn, followed_manager, CanopenNode(parts)
         self._handlers = dict(self._canopen.handlers())
@@ -86,6 +85,11 @@ class WaitingCore:
                 for manager, command in commands
                 if command is not Command.TAG
             )
+
+    @property
+    def table(self) -> PeTable | None:
+        """The table that has come; None: the node still waits."""
+        return self._given.table
 
     @property
     def identifiers(self) -> Collection[int]:
@@ -120,20 +124,6 @@ class WaitingCore:
         elif isinstance(message, Control) and (message.node, message.operation) == (self._node, Operation.UNLOCK):
             assert self._authenticity is not None
             self._authenticity.accept(message)
-
-    def _take(self, text: bytes) -> Abort | None:
-        try:
-            table = PeTable.from_json(text.decode())
-            TableIndex(table)
-        except (TableError, UnicodeDecodeError) as error:
-            self._turn.note("table", f"a table is refused: {error}")
-            return Abort.VALUE
-        if table.node_id != self._node:
-            self._turn.note("table", f"a table is refused: it is for node {table.node_id}, not for this one")
-            return Abort.VALUE
-        self._turn.note("table", f"PE {table.name} of {table.spec}")
-        self.table = table
-        return None
 
 
 def _empty_table(node: int, bitrate: int) -> PeTable:

@@ -49,6 +49,7 @@ class Reactions:
         self._beat, self._replanning = beat, replanning
         self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
         self._deployment, self._details = known.deployment, known.details
+        self._bringing = known.bringing
 
     def take(self, changes: Iterable[SituationChange]) -> None:
         """Act on these changes, in their order: with commands, events, or a request for a plan."""
@@ -77,11 +78,15 @@ class Reactions:
         self.take(self._health.fail(pe, cause, self._turn.now_ns))
 
     def has_another_table(self, pe: str) -> None:
-        """Leave a PE alone that refuses its slice for the digest; one that runs nothing is unavailable meanwhile."""
+        """Leave a PE alone that refuses its slice for the digest.
+
+        One that runs nothing is unavailable meanwhile, and is brought its table.
+        """
         flies = self._deployment.leave_alone(pe)
         self._details.look_at_table(pe, flies=flies)
         if not flies:
             self.take(self._health.exclude(pe, ANOTHER_TABLE, self._turn.now_ns))
+            self._bringing.has_another_table(pe)
 
     def discount_losses(self) -> None:
         """Discount the last loss of each PE that was lost while this manager itself heard nothing.
@@ -121,6 +126,7 @@ class Reactions:
                 turn.emit(events.PeJoined, pe=pe, cause=change.cause)
                 self._details.look_at_standstills(pe, Look.BEGIN)
                 self._details.table_is_right(pe)
+                self._bringing.table_is_right(pe)
                 self._deployment.joined(pe)
                 self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
 
@@ -128,6 +134,7 @@ class Reactions:
         pe, last = change.pe, change.last_heard_ns
         if change.change is not Change.FAILED:
             self._details.table_is_right(pe)
+            self._bringing.table_is_right(pe)
         if change.change is Change.REBOOTED:
             self._exclusion.rebooted(pe)
         elif change.change is Change.LOST:

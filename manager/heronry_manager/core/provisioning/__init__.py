@@ -1,4 +1,4 @@
-"""Provisioning: a PE that waits without a table is brought its table, and nobody has to type anything.
+"""Provisioning: a PE without a table, or with another one and idle, is brought its table; nobody has to type anything.
 
     table_bringing   which PE waits; when its table goes out; what follows if the PE does not take it
 

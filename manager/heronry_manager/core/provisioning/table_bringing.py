@@ -1,6 +1,8 @@
 """Brings each PE that waits without a table its table, by SDO block transfer into object 2020h (protocol rule 5).
 
-    flies     the PE sends state frames: it has a table, and is left alone, whatever table it is
+    flies     the PE sends state frames: it has a table, and is left alone
+    differs   the PE sends state frames, runs nothing, and refuses a slice for its digest: it has another table. It is
+              brought its own, from READ_NS later on, if its agent was started so that it takes one
     waits     the PE sends CANopen heartbeats that say INITIALISING or PRE-OPERATIONAL, is not available, and has sent
               no state frame for QUIET_NS, nor for two of its heartbeat periods. So a PE that has failed and restarts
               has certainly lost what it ran
@@ -45,12 +47,14 @@ QUIET_NS = 1_000_000_000
 SHORTEST_PAUSE_NS, LONGEST_PAUSE_NS = 1_000_000_000, 64_000_000_000
 _FOR_ANOTHER_NS = 2_000_000_000  # the PE drops the transfer of a silent client after one second
 FORGOTTEN_NS = 3_000_000_000
+READ_NS = 2_000_000_000  # `pe_details` has read meanwhile which table it is: a PE has one SDO server
 _SHARE = 10  # of the bus: a tenth
 _UNLOCK_S = 5  # a transfer that has begun may end after that time
 _AFTER_UNLOCK_NS = 20_000_000  # the TAG of the UNLOCK is on the bus, and the PE has checked it
 _NS_PER_S = 1_000_000_000
 _WAITING = (encode_heartbeat(NmtState.INITIALISING), encode_heartbeat(NmtState.PRE_OPERATIONAL))
 _UNTOLD_LOCKS = 3  # with a key: how often a PE may not accept the UNLOCK before this is told
+_KEEPS_IT = "it keeps another table: start its agent with --node as well, or write its table anew"
 _IN_VAIN = "it took its table, and waits for one again: its log says why"
 
 
@@ -78,6 +82,7 @@ class TableBringing:
         self._tries: dict[str, int] = {}  # since the PE was last available
         self._taken: set[str] = set()  # PEs that have taken a table, and were not available since
         self._told: dict[str, str] = {}
+        self._differs: set[str] = set()
 
     def hears(self, identifier: int) -> bool:
         """Tell whether frames with this identifier are used here."""
@@ -127,12 +132,21 @@ class TableBringing:
             self._end()
             self._heard_ns.clear()
 
+    def has_another_table(self, pe: str) -> None:
+        """Note that a PE that runs nothing has another table, so that it is brought its own."""
+        self._differs.add(pe)
+        self._not_before_ns[pe] = max(self._not_before_ns.get(pe, 0), self._turn.now_ns + READ_NS)
+
+    def table_is_right(self, pe: str) -> None:
+        """Forget that a PE had another table, since it has restarted, or is not heard any more."""
+        self._differs.discard(pe)
+
     def _heartbeat(self, pe: str, data: bytes) -> None:
         if self._health.is_available(pe):
             self._tries.pop(pe, None)
             self._told.pop(pe, None)
             self._taken.discard(pe)
-        if data not in _WAITING or self._flies(pe):
+        if (data not in _WAITING and pe not in self._differs) or self._flies(pe):
             self._heard_ns.pop(pe, None)
         elif self._claim.is_active and not self._turn.silent and self._pe != pe:
             self._heard_ns[pe] = self._turn.now_ns
@@ -140,7 +154,8 @@ class TableBringing:
 
     def _flies(self, pe: str) -> bool:
         quiet_ns = max(QUIET_NS, 2 * self._health.period_ns(pe))
-        return self._health.is_available(pe) or self._turn.now_ns - self._health.spoke_last_ns(pe) < quiet_ns
+        is_heard = self._turn.now_ns - self._health.spoke_last_ns(pe) < quiet_ns
+        return self._health.is_available(pe) or (is_heard and pe not in self._differs)
 
     def _begin_next(self) -> None:
         """Begin the transfer to the PE that has waited longest, if none is under way and its pause is over."""
@@ -201,9 +216,9 @@ class TableBringing:
         self._pause(pe)
 
     def _not_taken(self, pe: str, outcome: Outcome, why: str) -> None:
-        is_usual = self._key is not None and outcome is Outcome.LOCKED and self._tries.get(pe, 0) < _UNTOLD_LOCKS
-        if not is_usual:
-            self._tell(pe, why)
+        is_locked = outcome is Outcome.LOCKED
+        if not (is_locked and self._key is not None and self._tries.get(pe, 0) < _UNTOLD_LOCKS):
+            self._tell(pe, _KEEPS_IT if is_locked and pe in self._differs else why)
         self._pause(pe)
 
     def _tell(self, pe: str, why: str) -> None:

@@ -7,6 +7,7 @@
     sdo_server           idle ─► one transfer ─► idle: expedited, segmented or by blocks
     object_dictionary    which objects may be read and written, by index
     pe_objects           what each object of a PE says: the parts of the agent are asked when a client asks
+    given_table          none ─► given: the table that a client has written, checked for this node
     node_services        IDS, NSS, TIS and STS
 
 *Who may change it.* Any node may send these requests, so none of them may stop what a manager has started: NMT moves
@@ -21,7 +22,8 @@ The page: docs/canopen.md.
 """
 
 from heronry_agent.core.canopen.canopen_node import CanopenNode
+from heronry_agent.core.canopen.given_table import GivenTable
 from heronry_agent.core.canopen.pe_objects import Parts
 from heronry_agent.core.canopen.sdo_server import SdoServer
 
-__all__ = ["CanopenNode", "Parts", "SdoServer"]
+__all__ = ["CanopenNode", "GivenTable", "Parts", "SdoServer"]
