@@ -61,7 +61,7 @@ class Knowledge:
         if key is not None:
             self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=claim.speaks)
         self.details = PeDetails(settings, turn, claim)
-        self.bringing = TableBringing(settings, turn, claim, self.health)
+        self.bringing = TableBringing(settings, turn, claim, self.health, self.deployment)
 
     def forget(self) -> None:
         """Forget what this manager knows, except what `memory` and `details` hold."""

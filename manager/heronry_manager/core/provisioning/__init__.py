@@ -1,6 +1,7 @@
 """Provisioning: a PE without a table, or with another one and idle, is brought its table; nobody has to type anything.
 
     table_bringing   which PE waits; when its table goes out; what follows if the PE does not take it
+    pace             how fast it goes out, so that nothing that runs misses a deadline
 
 *Who may change it.* A heartbeat of a PE that sends no state frames starts a transfer; only an active manager that may
 send brings tables.

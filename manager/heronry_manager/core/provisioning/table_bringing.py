@@ -19,9 +19,9 @@ table is of no use after a restart. The PE may not accept this manager's command
 answers that it takes no table, and the transfer begins anew after a pause. A forged challenge makes a seal that the PE
 refuses.
 
-*Pace.* The segments of a transfer use a tenth of the bus, as the answers of a PE that flies do (`canopen_node`). The
-worst case of a data frame counts one frame of lower priority, and SDO has a higher priority than some of the data: a
-spec whose wired buses are planned up to their last tenth should declare that traffic (`foreign`).
+*Pace.* The segments use a tenth of the bus, or so much less that nothing that runs misses its deadline (`pace`). If no
+pace is slow enough, the PE waits, and this is told. While another configuration is on its way, no segment is sent. A PE
+drops its client after a second without a segment; then the transfer fails, and begins anew.
 
 Only PEs on the manager's own bus are brought a table, since no gateway forwards SDO.
 """
@@ -29,8 +29,10 @@ Only PEs on the manager's own bus are brought a table, since no gateway forwards
 from collections.abc import Callable
 
 from heronry_manager import events
+from heronry_manager.core.epochs import Deployment
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.membership import Health
+from heronry_manager.core.provisioning.pace import Pace
 from heronry_manager.core.sdo_client import BlockDownload, ObjectReader, Outcome
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
@@ -40,28 +42,28 @@ from heronry_wire.identifiers import Command, heartbeat_id, sdo_request_id, sdo_
 from heronry_wire.management import Control, Operation
 from heronry_wire.nmt import NmtState, encode_heartbeat
 from heronry_wire.sansio import NEVER_NS, Send
-from heronry_wire.sdo import MESSAGE_BYTES, read_number
-from heronry_wire.timing import worst_bits
+from heronry_wire.sdo import read_number
 
 QUIET_NS = 1_000_000_000
 SHORTEST_PAUSE_NS, LONGEST_PAUSE_NS = 1_000_000_000, 64_000_000_000
 _FOR_ANOTHER_NS = 2_000_000_000  # the PE drops the transfer of a silent client after one second
 FORGOTTEN_NS = 3_000_000_000
 READ_NS = 2_000_000_000  # `pe_details` has read meanwhile which table it is: a PE has one SDO server
-_SHARE = 10  # of the bus: a tenth
 _UNLOCK_S = 5  # a transfer that has begun may end after that time
 _AFTER_UNLOCK_NS = 20_000_000  # the TAG of the UNLOCK is on the bus, and the PE has checked it
-_NS_PER_S = 1_000_000_000
 _WAITING = (encode_heartbeat(NmtState.INITIALISING), encode_heartbeat(NmtState.PRE_OPERATIONAL))
 _UNTOLD_LOCKS = 3  # with a key: how often a PE may not accept the UNLOCK before this is told
 _KEEPS_IT = "it keeps another table: start its agent with --node as well, or write its table anew"
+_NO_ROOM = "beside what runs the bus has no room for it"
 _IN_VAIN = "it took its table, and waits for one again: its log says why"
 
 
 class TableBringing:
     """Knows which PEs wait for a table, and brings it; `next_ns` is the time in ns at which to call `tick`."""
 
-    def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim, health: Health) -> None:
+    def __init__(
+        self, settings: ManagerSettings, turn: Turn, claim: Claim, health: Health, deployment: Deployment
+    ) -> None:
         """Begin without a transfer; without `settings.tables` no table is ever brought."""
         self._turn, self._claim, self._health, self._key = turn, claim, health, settings.key
         self._tables = settings.tables or {}
@@ -71,7 +73,7 @@ class TableBringing:
         self._pe_of_heartbeat = {heartbeat_id(pe.node_id): pe.name for pe in here}
         self._pe_of_answer = {sdo_response_id(pe.node_id): pe.name for pe in here}
         self._pe_of_request = {sdo_request_id(pe.node_id): pe.name for pe in here}
-        self._segment_ns = _SHARE * worst_bits(MESSAGE_BYTES) * _NS_PER_S // bus.bitrate
+        self._pace, self._beat_ns = Pace(spec, bus, deployment), bus.heartbeat_ns
         self._pe: str | None = None  # to which a table is being brought
         self._transfer: BlockDownload | None = None  # None: it has not begun
         self._began_ns = 0  # when the table of `_pe` was first dealt with
@@ -118,8 +120,7 @@ class TableBringing:
                 transfer.stop()
             self._leave(pe, SHORTEST_PAUSE_NS)
         elif transfer is not None:
-            transfer.tick(now_ns)
-            self._look(pe, transfer)
+            self._send_segment(pe, transfer)
         elif now_ns >= self._unlocked_ns:
             self._unlocked_ns = NEVER_NS
             self._reader.read(self._node[pe], CHALLENGE, 0, self._challenged, now_ns)
@@ -190,8 +191,25 @@ class TableBringing:
             self._write(pe, key.sealed(self._tables[pe], read_number(value)))
 
     def _write(self, pe: str, content: bytes) -> None:
-        self._transfer = BlockDownload(TABLE, content, self._segment_ns, self._sayer(self._node[pe]))
+        period_ns = self._pace.period_ns(self._node[pe])
+        if period_ns is None:
+            self._not_taken(pe, Outcome.FAILED, _NO_ROOM)
+            return
+        self._transfer = BlockDownload(TABLE, content, period_ns, self._sayer(self._node[pe]))
         self._transfer.begin(self._turn.now_ns)
+
+    def _send_segment(self, pe: str, transfer: BlockDownload) -> None:
+        """Send the segment that is due, at the pace that what runs now allows."""
+        now_ns, period_ns = self._turn.now_ns, self._pace.period_ns(self._node[pe])
+        if period_ns is None:
+            transfer.stop()
+            self._not_taken(pe, Outcome.FAILED, _NO_ROOM)
+            return
+        transfer.segment_ns = period_ns
+        if self._pace.is_held():
+            transfer.put_off(now_ns + self._beat_ns)
+        transfer.tick(now_ns)
+        self._look(pe, transfer)
 
     def _sayer(self, node: int) -> Callable[[bytes], None]:
         return lambda message: self._turn.do(Send(0, Frame(sdo_request_id(node), message)))

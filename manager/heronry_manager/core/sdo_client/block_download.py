@@ -118,6 +118,11 @@ class BlockDownload:
         else:
             self._fail(Outcome.FAILED, "it did not answer")
 
+    def put_off(self, until_ns: int) -> None:
+        """Send no segment before `until_ns`; a wait for an answer goes on."""
+        if self._size and not self._is_ended and not self._is_block_sent():
+            self.next_ns = max(self.next_ns, until_ns)
+
     def stop(self) -> None:
         """Abort the transfer, since the node needs the value no more."""
         self.say(abort_message(self.index, 0, Abort.DEVICE_STATE))
