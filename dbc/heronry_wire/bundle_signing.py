@@ -1,19 +1,12 @@
 """Who made a bundle: ed25519 keys, the signature of a bundle, and what a bundle demands of the computer that runs it.
 
-A *signing key* is one line "heronry-signing-key " and 64 hexadecimal digits, in a file that its owner alone may read;
-it stays with those who build. The *public key* beside it, in a file with `.pub` behind the name, is one line
-"heronry-public-key " and 64 digits; each PE is given it, and it is no secret. The fleet's key (`key_file`), by which
-frames are proven, is another one: every node has that key, and no node shall be able to sign code.
-
-A key is lost: whoever finds it can sign code. Then a new key goes to each PE, by a way other than the bus.
+The keys and their files: `bundle_keys`.
 
 `cryptography` takes 8 MB when it is imported, so only commands and the loader's short-lived processes import this file.
 """
 
 import hashlib
 import os
-import re
-import stat
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -30,12 +23,7 @@ from heronry_wire.bundle import (
     Manifest,
     this_python,
 )
-from heronry_wire.ordinary_file import read_ordinary
-
-_SECRET, _PUBLIC = "heronry-signing-key", "heronry-public-key"
-_DIGITS = 64
-_MOST = 256
-_MAKE = "'heronry key --signing FILE' makes the two"
+from heronry_wire.bundle_keys import PUBLIC, SECRET, read_key_file
 
 
 def make_signing_key(file: Path) -> str:
@@ -48,8 +36,8 @@ def make_signing_key(file: Path) -> str:
     made: list[Path] = []
     try:
         for path, kind, raw, mode in (
-            (file, _SECRET, key.private_bytes_raw(), 0o600),
-            (public, _PUBLIC, key.public_key().public_bytes_raw(), 0o644),
+            (file, SECRET, key.private_bytes_raw(), 0o600),
+            (public, PUBLIC, key.public_key().public_bytes_raw(), 0o644),
         ):
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
             made.append(path)
@@ -69,7 +57,7 @@ def make_signing_key(file: Path) -> str:
 
 def read_public_key(file: Path) -> Ed25519PublicKey:
     """Read the public key from its file; raises BundleError."""
-    return Ed25519PublicKey.from_public_bytes(_read(file, _PUBLIC))
+    return Ed25519PublicKey.from_public_bytes(read_key_file(file, PUBLIC))
 
 
 def key_name(public: Ed25519PublicKey) -> bytes:
@@ -79,7 +67,7 @@ def key_name(public: Ed25519PublicKey) -> bytes:
 
 def sign(bundle: Bundle, file: Path) -> Bundle:
     """Return the bundle with the signature of the signing key in `file`; raises BundleError."""
-    key = Ed25519PrivateKey.from_private_bytes(_read(file, _SECRET))
+    key = Ed25519PrivateKey.from_private_bytes(read_key_file(file, SECRET))
     return Bundle(bundle.manifest, key_name(key.public_key()), key.sign(SIGNED + bundle.archive), bundle.archive)
 
 
@@ -119,22 +107,3 @@ def read_wheel(text: str) -> Requirement:
         return Requirement(text)
     except InvalidRequirement as error:
         raise BundleError(f"'{text}' names no package: write it as for pip, for example numpy>=1.26") from error
-
-
-def _read(file: Path, kind: str) -> bytes:
-    try:
-        text = read_ordinary(file, _MOST).decode("ascii", "replace")
-        mode = file.stat().st_mode
-    except OSError as error:
-        raise BundleError(f"{file}: {error.strerror}; {_MAKE}") from error
-    found = re.fullmatch(rf"{kind} ([0-9a-f]{{{_DIGITS}}})\n?", text)
-    if found is None:
-        other = _PUBLIC if kind == _SECRET else _SECRET
-        hint = f"it holds a {other}" if text.startswith(other) else f"it holds no {kind}"
-        raise BundleError(f"{file}: {hint}; {_MAKE}")
-    if kind == _SECRET and mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise BundleError(
-            f"{file} can be read or changed by others (mode {stat.S_IMODE(mode):04o}), so it is no secret; "
-            "make a new key with 'heronry key --signing'"
-        )
-    return bytes.fromhex(found[1])

@@ -23,11 +23,12 @@ DEVICE_TYPE, ERROR_REGISTER, ERROR_HISTORY = 0x1000, 0x1001, 0x1003
 DEVICE_NAME, HARDWARE_VERSION, SOFTWARE_VERSION = 0x1008, 0x1009, 0x100A
 EMCY_IDENTIFIER, HEARTBEAT_TIME, IDENTITY = 0x1014, 0x1017, 0x1018
 STORED_EDS, EDS_FORMAT, SDO_SERVER = 0x1021, 0x1022, 0x1200
-PROGRAM_DATA, PROGRAM_CONTROL = 0x1F50, 0x1F51
+PROGRAM_DATA, PROGRAM_CONTROL, PROGRAM_VERSION, PROGRAM_STATUS = 0x1F50, 0x1F51, 0x1F56, 0x1F57
 STATE, SPEC, MASTERSHIP = 0x2000, 0x2001, 0x2002
 MODULE_NAMES, MODULE_INDICES, MODULE_IMAGES, MODULE_STATES, MODULE_MODES = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 MODULE_FAILURES, MODULE_TRACEBACKS = 0x2015, 0x2016
 TABLE, COUNTERS, TIME, COST, CHALLENGE = 0x2020, 0x2021, 0x2022, 0x2023, 0x2024
+PROGRAM_TRANSFER = 0x2030
 
 ERRORS_KEPT = 8
 LARGEST_INDEX = 0xFFF  # of an element, in an error of the error history
@@ -197,7 +198,7 @@ OBJECTS: tuple[Entry, ...] = (
         (Variable("Program", Type.DOMAIN, _WO),),
         1,
         _ONE_PROGRAM,
-        "a write is refused with 0601 0000h: code is installed on the node, not over the bus",
+        "a bundle of `heronry bundle`; a PE without a loader refuses a write with 0601 0000h",
     ),
     Entry(
         PROGRAM_CONTROL,
@@ -206,7 +207,27 @@ OBJECTS: tuple[Entry, ...] = (
         (Variable("Program state", _U8, _RW),),
         1,
         _ONE_PROGRAM,
-        "1, the agent runs; a write is refused with 0601 0000h",
+        "1, the program runs; 0, it does not. Written: 1 starts what was written, 3 forgets it; a PE without a loader "
+        "refuses a write with 0601 0000h",
+    ),
+    Entry(
+        PROGRAM_VERSION,
+        "Program software identification",
+        Kind.ARRAY,
+        (Variable("Program version", _U32),),
+        1,
+        _ONE_PROGRAM,
+        "version of the bundle from which code runs; 0, none",
+    ),
+    Entry(
+        PROGRAM_STATUS,
+        "Flash status identification",
+        Kind.ARRAY,
+        (Variable("Flash status", _U32),),
+        1,
+        _ONE_PROGRAM,
+        "bit 0: at work, nothing can be written now. Bits 7..1, the last error: 0 none, 1 no program, 3 damaged, "
+        "5 not written to the disk, 6 too large, 7 not for this PE",
     ),
     Entry(
         STATE,
@@ -309,6 +330,17 @@ OBJECTS: tuple[Entry, ...] = (
         CHALLENGE,
         Variable(
             "Challenge", _U32, meaning="drawn at each start; the seal of a table covers it. 0: this node has no key"
+        ),
+    ),
+    Entry(
+        PROGRAM_TRANSFER,
+        "Program transfer in parts",
+        Kind.RECORD,
+        (
+            Variable(
+                "Part", Type.DOMAIN, _WO, meaning="SHA-256 and length of the bundle, where this part begins, the part"
+            ),
+            Variable("Received", Type.DOMAIN, meaning="SHA-256 of the bundle, and how many bytes came in order"),
         ),
     ),
 )

@@ -33,7 +33,7 @@ import re
 import reprlib
 from base64 import b64decode
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import chain
 from types import UnionType
@@ -214,9 +214,20 @@ class PeTable:
         """The digest (32 bytes) of what digests of slices cover of this table (head of this file)."""
         return hashlib.sha256(json.dumps(self, separators=_COMPACT, default=_identifying).encode()).digest()
 
+    def with_partitions(self, partitions: Mapping[int, str]) -> Self:
+        """Return this table with other partitions of some modules, by index, and with the same identity.
+
+        In which processes a node runs its modules is its own matter, as long as it parts what its manager has parted.
+        So the text form stays that of the manager's table.
+        """
+        modules = tuple(replace(one, partition=partitions.get(one.index, one.partition)) for one in self.modules)
+        changed = replace(self, modules=modules)
+        vars(changed).update(identity=self.identity, compiled=self)
+        return changed
+
     def to_json(self) -> str:
         """Return the table as text in one line, with the keys in a fixed order and the check sum at the end."""
-        return with_check_sum(_record(self))
+        return with_check_sum(_record(vars(self).get("compiled", self)))
 
     @classmethod
     def from_json(cls, text: str) -> Self:

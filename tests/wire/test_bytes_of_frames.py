@@ -25,6 +25,7 @@ CODECS = frozenset(
 )
 OTHER_BYTES = {
     "heronry_wire/bundle.py": "a file",
+    "heronry_wire/bundle_transfer.py": "the value of an object, which SDO carries",
     "heronry_wire/can_interface.py": "what the kernel tells of an interface (netlink)",
     "heronry_wire/frame_port.py": "what the kernel hands over at a CAN socket",
     "heronry_wire/python_can.py": "what the kernel tells of a socket",
@@ -39,6 +40,7 @@ OTHER_BYTES = {
     "heronry_agent/shell/partition_messages.py": "what a partition and its agent say to each other",
     "heronry_manager/contingency/file_format.py": "a file",
     "heronry_manager/shell/control_place.py": "who calls (SO_PEERCRED)",
+    "heronry_tools/runtime/bundle_sending.py": "a file, which goes out in parts",
     "heronry_tools/aircraft/plant/noise.py": "a digest, of which noise is made",
     "heronry_dg/yaml_source.py": "a file",
     "heronry_tools/fly/live/shared_readings.py": "what the plant process and its devices share",

@@ -307,3 +307,12 @@ def test_the_identity_is_that_of_the_wiring_and_not_of_the_pace_or_the_contingen
     major = replace(table, protocol=Version(PROTOCOL.major + 1, 0))
     assert major.identity != table.identity
     assert replace(table, protocol=Version(PROTOCOL.major, 7)).identity == table.identity
+
+
+def test_a_node_may_part_its_modules_further_and_its_table_is_still_the_same() -> None:
+    table = PeTable.from_json(small_text())
+    module = table.modules[0]
+    parted = table.with_partitions({module.index: "of its own"})
+    assert parted.modules[0] == replace(module, partition="of its own")
+    assert parted.modules[1:] == table.modules[1:]
+    assert (parted.identity, parted.to_json()) == (table.identity, table.to_json())

@@ -33,7 +33,7 @@ from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 
 from heronry_agent.core.authority import Authenticity, ExclusiveFrames, FollowedManager, OutputAuthorization, Secret
-from heronry_agent.core.canopen import CanopenNode, GivenTable, Parts
+from heronry_agent.core.canopen import CanopenNode, GivenTable, Parts, Programs
 from heronry_agent.core.command_acceptance import CommandAcceptance
 from heronry_agent.core.condition import Condition, StateReports
 from heronry_agent.core.configuration import ActiveConfiguration, SliceReader, Staging
@@ -50,10 +50,13 @@ from heronry_agent.core.vocabulary import (
     DriveFailed,
     Driven,
     Event,
+    ImagesArrived,
     ImagesMissing,
     Left,
     NotReady,
     PartitionEnded,
+    ProgramChanged,
+    ProgramState,
     StartFailed,
     StepFailed,
     StepMeasured,
@@ -84,6 +87,7 @@ class AgentCore:
         every_echo: bool = False,
         cost: Callable[[], NodeCost | None] = lambda: None,
         takes_tables: bool = False,
+        program: ProgramState | None = None,
     ) -> None:
         """Start without a configuration; the first deadline is `now_ns`.
 
@@ -97,6 +101,7 @@ class AgentCore:
             as often as the table says.
         cost: returns what this node costs its computer, or None while that is not known; clients read it by SDO.
         takes_tables: whether the PE accepts another table over the bus while it runs nothing (`new_table`).
+        program: what the loader of code says; None: this PE has no loader.
         Raises TableError where the table contradicts itself.
         """
         index = TableIndex(table)
@@ -151,6 +156,7 @@ class AgentCore:
             is_wanted = takes_tables and active_configuration.running.epoch == NO_EPOCH
             return given.take(text) if is_wanted else Abort.DEVICE_STATE
 
+        self._programs = None if program is None else Programs(turn, program)
         parts = Parts(
             turn,
             index,
@@ -162,6 +168,7 @@ class AgentCore:
             take_table=take_table,
             authenticity=authenticity,
             cost=cost,
+            programs=self._programs,
         )
         canopen = CanopenNode(parts)
         reporting = Reporting(index, incarnation, now_ns, None if authenticity is None else authenticity.seal)
@@ -284,8 +291,8 @@ class AgentCore:
                 modules.not_ready(event)
             case StepMeasured():
                 modules.measured(event)
-            case ImagesMissing():
-                self._images_missing(event)
+            case ImagesMissing() | ImagesArrived() | ProgramChanged():
+                self._code_changed(event)
             case Left(port, took_ns):
                 self._radios.ports[port].left(took_ns)
             case ChannelsLost(port, channels):
@@ -300,10 +307,25 @@ class AgentCore:
         if self._turn.standstills.count(event, self._turn.now_ns):
             self._turn.note("late", f"this computer stood still for {event.for_ns // _NS_PER_MS} ms")
 
-    def _images_missing(self, event: ImagesMissing) -> None:
-        """Report to the manager which modules have a missing image, and refuse slices with such modules from now on."""
-        self.staging.reader.missing_images |= event.images
-        self.modules.lack(event.images)
+    def _code_changed(self, event: ImagesMissing | ImagesArrived | ProgramChanged) -> None:
+        """Take what is known anew of the code on this PE.
+
+        Images that are missing: report their modules to the manager, and refuse slices with these from now on. Images
+        that have arrived: accept such slices; the faults of their modules stay until the manager clears them.
+        """
+        lacking = self.staging.reader.missing_images
+        match event:
+            case ImagesMissing(images):
+                lacking |= images
+                self.modules.lack(images)
+            case ImagesArrived(arrived):
+                for image in arrived:
+                    lacking.pop(image, None)
+                self.modules.have(arrived)
+            case ProgramChanged(state):  # pragma: no branch - nothing else is left
+                require(self._programs is not None, "a loader reports, and this PE was started without one")
+                assert self._programs is not None
+                self._programs.changed(state)
 
 
 def _start_notes(table: PeTable, secret: Secret | None) -> tuple[str, str]:

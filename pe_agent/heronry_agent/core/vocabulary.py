@@ -106,6 +106,45 @@ class ImagesMissing:
 
 
 @dataclass(frozen=True, slots=True)
+class ImagesArrived:
+    """The code of these images was not on this PE, and is here now."""
+
+    images: frozenset[str]
+
+
+class ProgramState(NamedTuple):
+    """What the loader of this PE says of itself.
+
+    version: of the code that runs; 0: there is none.
+    error: why its last order failed, as object 1F57h numbers it; 0: it has not failed.
+    """
+
+    version: int = 0
+    error: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramChanged:
+    """The loader has done, or has not been able to do, what the last WriteProgram or ControlProgram asked."""
+
+    state: ProgramState
+
+
+@dataclass(frozen=True, slots=True)
+class WriteProgram:
+    """Check a bundle that has come over the bus, and keep it; ProgramChanged answers."""
+
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class ControlProgram:
+    """Start the code that was written last, or else forget it; ProgramChanged answers."""
+
+    is_start: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Driven:
     """The device of a module has executed a command, and has moved to `value`."""
 
@@ -208,8 +247,18 @@ class ChannelsLost(NamedTuple):
     channels: frozenset[int]
 
 
-ModuleEvent = (
-    Stepped | StepFailed | StartFailed | NotReady | StepMeasured | PartitionEnded | ImagesMissing | Driven | DriveFailed
+ModuleEvent = (  # what the host of modules reports, with what its loader reports
+    Stepped
+    | StepFailed
+    | StartFailed
+    | NotReady
+    | StepMeasured
+    | PartitionEnded
+    | ImagesMissing
+    | ImagesArrived
+    | ProgramChanged
+    | Driven
+    | DriveFailed
 )
 Event = Received | Tick | Left | ChannelsLost | StoodStill | ModuleEvent
 Action = (
@@ -223,5 +272,7 @@ Action = (
     | EndPartition
     | Drive
     | Heard
+    | WriteProgram
+    | ControlProgram
     | Note
 )

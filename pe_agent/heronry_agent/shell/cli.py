@@ -12,9 +12,10 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
+from typing import Any
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authority import Secret
@@ -60,6 +61,7 @@ examples:
   pe-agent --table nav.table -i socketcan -c can0,can1             a replicated bus: both its channels
   pe-agent --node 92 -i socketcan -c can0                          waits until the manager brings its table
   pe-agent --node 92 --table pe.table -i socketcan -c can0         the same, and keeps the table for the next start
+  pe-agent --table nav.table -i socketcan -c can0 --code-dir /var/lib/heronry/code --code-key fleet.signing.pub
   pe-agent --node 92 -i socketcan -c can0 --key fleet.key          the same, and takes only a table sealed with the key
 
 'heronry table SPEC PE' writes the table. The flags below are python-can's own and name the bus toward the manager;
@@ -139,6 +141,19 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SIMULATOR",
         help=f"simulate every device that --devices does not name (by default with '{PLANT}')",
     )
+    parser.add_argument(
+        "--code-dir",
+        type=Path,
+        metavar="DIR",
+        help="take code over the bus, and keep it in this folder, which nothing else uses",
+    )
+    trust = parser.add_mutually_exclusive_group()
+    trust.add_argument(
+        "--code-key", type=Path, metavar="FILE", help="the public key (.pub) with which this code must be signed"
+    )
+    trust.add_argument(
+        "--unsigned-code", action="store_true", help="take code of anybody who can send on the bus: for a desk only"
+    )
     parser.add_argument("--until-eof", action="store_true", help="stop when standard input ends")
     talk = parser.add_mutually_exclusive_group()
     talk.add_argument("-q", "--quiet", action="store_true", help="print only the reason why the agent ends")
@@ -189,6 +204,9 @@ def _run_with(
     followed, every_echo = devices.followed(), devices.every_echo()
     reasons = {module.image: why_not_here(module.image) for module in table.modules}
     missing = {image: reason for image, reason in reasons.items() if reason is not None}
+    code = _code_of(arguments, table, missing, tell)
+    if code is not None:
+        table = code.table
     with ExitStack() as undo:
         links: list[AnyLink] = []
         for port, config in zip(table.ports, configs, strict=True):
@@ -199,22 +217,25 @@ def _run_with(
         if every_echo:
             tell(Note("echo", "every command is echoed: the simulated plants of other PEs follow it"))
 
-        host = PartitionHost(table, devices, open_groups(tell))
+        groups = open_groups(tell)
+        host = PartitionHost(table, devices, groups) if code is None else code.host(devices, groups)
         undo.callback(host.close)
         meter = CostMeter(time.monotonic_ns(), time.process_time_ns, host.used_ns)
 
         def new_core() -> AgentCore:
             now_ns, secret = time.monotonic_ns(), _secret(key)
+            here = frozenset[str]() if code is None else code.loader.images
             return AgentCore(
                 table,
                 boots.next(),
                 now_ns,
-                missing_images=missing,
+                missing_images={image: reason for image, reason in missing.items() if image not in here},
                 secret=secret,
                 followed=followed,
                 every_echo=every_echo,
                 cost=lambda: meter.last,
                 takes_tables=arguments.node is not None,
+                program=None if code is None else code.loader.program,
             )
 
         service = ServiceManager()
@@ -259,6 +280,25 @@ def _keep(table: PeTable | None, file: Path | None, tell: Callable[[Note], None]
         replace_ordinary(file, table.to_json().encode())
     except OSError as error:
         tell(Note("disk", f"{file} cannot be written ({error.strerror}): after a restart this node waits again"))
+
+
+def _code_of(
+    arguments: argparse.Namespace, table: PeTable, missing: Mapping[str, str], tell: Callable[[Note], None]
+) -> Any:
+    """Return the loader of this PE, and what follows from it (`loading_host.Code`); None without --code-dir."""
+    if arguments.code_dir is None:
+        if arguments.code_key is not None or arguments.unsigned_code:
+            raise TableError(
+                "--code-key and --unsigned-code say whose code is kept in --code-dir: name that folder, too"
+            )
+        return None
+    if arguments.code_key is None and not arguments.unsigned_code:
+        raise TableError("--code-dir needs --code-key FILE, or --unsigned-code where anybody on the bus is trusted")
+    from heronry_agent.shell import loading_host  # noqa: PLC0415 - an agent without a loader is smaller
+
+    return loading_host.open_code(
+        arguments.code_dir, arguments.code_key, table, missing, lambda sentence: tell(Note("code", sentence))
+    )
 
 
 def _has_own_node_id(own: OwnNodeId, tell: Callable[[Note], None], *, until_eof: bool, where: str = "") -> bool:

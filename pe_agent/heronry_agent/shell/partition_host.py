@@ -323,12 +323,20 @@ class PartitionHost:
     # Processes
 
     def _spawn(self, name: str, now_ns: int) -> None:
-        own = [entry for entry in self._entries.values() if entry.partition == name]
-        process = self._processes[name] = PartitionProcess(name, sum(entry.ram for entry in own), self._groups)
-        process.send(Load(tuple(sorted({entry.image for entry in own}))))
+        ram = sum(entry.ram for entry in self._entries.values() if entry.partition == name)
+        process = self._processes[name] = PartitionProcess(name, ram, self._groups, self._code_of(name))
+        process.send(Load(self._images_of(name)))
         self._load_by_ns[name], self._waiting[name] = now_ns + LOADING_NS, []
         if name in self._cold:
             self._cold.remove(name)
+
+    def _images_of(self, name: str) -> tuple[str, ...]:
+        """Return the images that a partition imports at its start."""
+        return tuple(sorted({entry.image for entry in self._entries.values() if entry.partition == name}))
+
+    def _code_of(self, _name: str) -> str | None:
+        """Return the file from which a partition imports before all others; None: there is none."""
+        return None
 
     def _warm_up(self, now_ns: int) -> None:
         self._warm_ns = now_ns + WARM_UP_NS

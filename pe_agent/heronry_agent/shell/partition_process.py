@@ -66,11 +66,12 @@ class _PendingStep:
 class PartitionProcess:
     """The agent's side of one partition: starts the process, sends orders to it, and measures its steps."""
 
-    def __init__(self, name: str, ram: int, groups: PartitionGroups | None = None) -> None:
+    def __init__(self, name: str, ram: int, groups: PartitionGroups | None = None, code: str | None = None) -> None:
         """Start the process; raises OSError.
 
         ram: RAM in bytes that the spec gives the modules of the partition.
         groups: control groups for partitions; None: none are used.
+        code: file or folder from which it imports before all others; None: there is none.
         """
         self.name, self._ram, self._groups = name, ram, groups
         self.loading = True
@@ -88,7 +89,7 @@ class PartitionProcess:
         self.log = PartitionLog(name)
         try:
             with theirs:
-                self.pid = _spawn(name, theirs.fileno(), self.log.writer)
+                self.pid = _spawn(name, theirs.fileno(), self.log.writer, code)
         finally:
             self.log.handed_over()
         self._group = None if groups is None else groups.enclose(self.pid)
@@ -279,8 +280,10 @@ def used_ns(pid: int) -> int:
         return 0
 
 
-def _spawn(name: str, theirs: int, log: int) -> int:
+def _spawn(name: str, theirs: int, log: int, code: str | None) -> int:
     environment = {k: v for k, v in os.environ.items() if k in _INHERITED or k.startswith(("LC_", "PYTHON"))}
+    if code is not None:
+        environment["PYTHONPATH"] = os.pathsep.join((code, *filter(None, (environment.get("PYTHONPATH"),))))
     return os.posix_spawn(
         sys.executable,
         [sys.executable, "-m", "heronry_agent.shell.partition", str(os.getpid()), name],

@@ -15,16 +15,16 @@ POLICY = Path("manager/heronry_manager/planning_policy.py")
 DESCRIBING = frozenset(("__init__", "events", "status", "vocabulary"))  # no decision in flight depends on them
 WIRE = Path("dbc/heronry_wire")
 CODEC = (
-    "authentication bus_health canaerospace canopen_objects capacities channel_merge channel_watch "
+    "authentication bundle_transfer bus_health canaerospace canopen_objects capacities channel_merge channel_watch "
     "checkpoint_frames command_tags compressed_table "
     "configuration_slice contingency_block controller element_places errors failure_text frame gateway_report "
     "identification identifiers layout management nmt node_services packing pe_table protocol_times "
     "protocol_version sansio sdo silence standard_identifiers state_frames thinning timing transmit_queue"
 )
 SHELL = (  # of the wire: the files that use sockets, interfaces and files, or a person's words
-    "__init__ arrival_times bare_can bundle bundle_signing bus_arguments bus_opening can_interface clock_of_day "
-    "command_parser eds frame_port interruption key_file link node_cost ordinary_file parent_death python_can "
-    "replicated_link runtime_folder service_manager slow_opening socketcand spelling standstill"
+    "__init__ arrival_times bare_can bundle bundle_keys bundle_signing bus_arguments bus_opening can_interface "
+    "clock_of_day command_parser eds frame_port interruption key_file link node_cost ordinary_file parent_death "
+    "python_can replicated_link runtime_folder service_manager slow_opening socketcand spelling standstill"
 )
 
 

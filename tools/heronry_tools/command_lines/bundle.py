@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from heronry_tools.console.output import add_json
+from heronry_tools.console.spec_argument import add_spec_argument
+from heronry_wire.bus_arguments import add_bus_arguments
 
 _EPILOG = """\
 examples:
@@ -12,6 +14,7 @@ examples:
   heronry bundle build my_code nav.bundle --name nav --version 3 --image my_estimator:Estimator
   heronry bundle sign nav.bundle --key fleet.signing             in its place
   heronry bundle inspect nav.bundle --key fleet.signing.pub      what is in it, and is it whole and signed?
+  heronry bundle send nav.bundle my.dg.yaml nav -i socketcan -c can0       bring it to a PE, and start it there
 
 A PE takes a bundle over the bus only if it was started with --code-dir, and only a higher version than before.
 """
@@ -32,6 +35,16 @@ def add_parsers(subparsers: Any) -> None:
     inspect = _command(commands, "inspect", "tell what is in a bundle, and check it")
     _add_bundle(inspect)
     inspect.add_argument("--key", type=Path, metavar="FILE", help="check its signature by this public key, too")
+    send = _command(commands, "send", "bring a bundle to a PE over the bus, and start it there")
+    _add_bundle(send)
+    add_spec_argument(send)
+    send.add_argument("pe", metavar="PE", help="name of the PE")
+    send.add_argument("--no-start", action="store_true", help="let the bundle wait on the PE until it is sent again")
+    send.add_argument(
+        "--socket", type=Path, metavar="PATH", help="the manager's socket; where PEs have a key, it unlocks the PE"
+    )
+    send.add_argument("--unlock", action="store_true", help="the PE has a key: let this computer's manager unlock it")
+    add_bus_arguments(send, "the bus that is the uplink of the PE")
 
 
 def _command(commands: Any, name: str, does: str) -> argparse.ArgumentParser:

@@ -3,13 +3,16 @@
 import argparse
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.manager_calls import unlock_pe
 from heronry_tools.console.whole_file import expect_writable, write_whole
 from heronry_wire.bundle import MOST_BYTES, MOST_UNPACKED, Bundle, BundleError, pack, unpack
 from heronry_wire.bundle_signing import check_signature, read_public_key, read_wheel, sign
+from heronry_wire.bus_arguments import flagged_bus
 from heronry_wire.ordinary_file import read_ordinary
 
 _LEFT_OUT = ("__pycache__", ".git")
@@ -55,6 +58,33 @@ def run_inspect(arguments: argparse.Namespace) -> int:
         print("images:", ", ".join(manifest.images))
         print("needs: ", ", ".join((f"Python {manifest.python}", *manifest.wheels)))
         print("files: ", ", ".join(sorted(manifest.files)))
+    return 0
+
+
+def run_send(arguments: argparse.Namespace) -> int:
+    """Bring a bundle to a PE and start it; returns the exit code."""
+    from heronry_tools.console.spec_files import expect_pe, load_spec  # noqa: PLC0415 - the others need no spec
+    from heronry_tools.runtime import bundle_sending  # noqa: PLC0415
+
+    bundle, spec = _read(arguments.file), load_spec(arguments.spec)
+    expect_pe(spec, arguments.pe)
+    pe = spec.pes[arguments.pe]
+    size = len(bundle.content)
+    if size > pe.flash:
+        raise UserError(f"{arguments.file} has {size} bytes, and {pe.name} {pe.flash} bytes of flash: leave files out")
+    flags = {name: value for name, value in flagged_bus(arguments).items() if value is not None}
+    unlock = None
+    if arguments.unlock or arguments.socket is not None:
+        unlock = partial(unlock_pe, arguments.socket, spec.name, pe.name)
+    took_s = bundle_sending.send(
+        flags,
+        pe.node_id,
+        bundle,
+        bitrate=spec.buses[spec.manager.bus].bitrate,
+        unlock=unlock,
+        start=not arguments.no_start,
+    )
+    _say(arguments, bundle, f"is on {pe.name}, node {pe.node_id}, after {took_s:.1f} s")
     return 0
 
 

@@ -10,16 +10,14 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoError
 
-from heronry_manager.core.vocabulary import UnlockPe
-from heronry_manager.shell.control_client import call, find_socket
 from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.manager_calls import unlock_pe
 from heronry_tools.console.spec_files import expect_pe, load_spec
 from heronry_tools.runtime.canopen_log import keep_off_the_terminal
 from heronry_tools.runtime.table_files import table_texts
@@ -53,17 +51,10 @@ def run(arguments: argparse.Namespace) -> int:
     if key is None:
         _send(flags, node, content)
     else:
-        _send(flags, node, content, key, lambda: _unlock(arguments.socket, spec.name, pe))
+        _send(flags, node, content, key, lambda: unlock_pe(arguments.socket, spec.name, pe))
     told = {"pe": pe, "node": node, "bytes": len(content)}
     print(json.dumps(told) if arguments.json else f"{pe}, node {node}, has its table: {len(content)} bytes")
     return 0
-
-
-def _unlock(socket: Path | None, spec: str, pe: str) -> None:
-    """Let the manager unlock a PE; raises UserError if the manager refuses."""
-    answer = call(socket or find_socket(spec), UnlockPe(f"pe:{pe}"))
-    if not answer.done:
-        raise UserError(f"the manager does not unlock pe:{pe}: {answer.sentence}")
 
 
 def _send(

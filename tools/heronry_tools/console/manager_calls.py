@@ -5,7 +5,8 @@ import json
 import sys
 from pathlib import Path
 
-from heronry_manager.shell.control_client import find_socket
+from heronry_manager.core.vocabulary import UnlockPe
+from heronry_manager.shell.control_client import call, find_socket
 from heronry_manager.shell.control_protocol import Answer
 from heronry_tools.console.errors import UserError
 
@@ -34,3 +35,10 @@ def say_answer(arguments: argparse.Namespace, answer: Answer) -> int:
     else:
         print(f"heronry: {answer.sentence}", file=sys.stderr)
     return 0 if answer.done else 1
+
+
+def unlock_pe(socket: Path | None, spec: str, pe: str) -> None:
+    """Let the manager unlock a PE; raises UserError if the manager refuses."""
+    answer = call(socket or find_socket(spec), UnlockPe(f"pe:{pe}"))
+    if not answer.done:
+        raise UserError(f"the manager does not unlock pe:{pe}: {answer.sentence}")

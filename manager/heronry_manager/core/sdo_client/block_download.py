@@ -66,7 +66,7 @@ class Outcome(Enum):
 class BlockDownload:
     """One transfer; `next_ns` is the time in ns at which to call `tick`.
 
-    index: index of the object; the sub-index is 0.
+    index, sub_index: the place of the object.
     content: the value to write, at least one byte.
     segment_ns: time from one segment to the next, in ns.
     say: is called with each request to send to the node.
@@ -78,6 +78,7 @@ class BlockDownload:
     say: Callable[[bytes], None]
     outcome: Outcome = Outcome.UNDER_WAY
     why: str = ""
+    sub_index: int = 0
     next_ns: int = NEVER_NS
     _size: int = 0  # of a block, in segments; 0: the transfer is not open yet
     _at: int = 0  # index in `content` at which the present block begins
@@ -87,7 +88,10 @@ class BlockDownload:
 
     def begin(self, now_ns: int) -> None:
         """Request the transfer."""
-        self._ask(with_number(BLOCK_DOWNLOAD | BLOCK_CRC | BLOCK_SIZE_GIVEN, self.index, 0, len(self.content)), now_ns)
+        self._ask(
+            with_number(BLOCK_DOWNLOAD | BLOCK_CRC | BLOCK_SIZE_GIVEN, self.index, self.sub_index, len(self.content)),
+            now_ns,
+        )
 
     def heard(self, message: bytes, now_ns: int) -> None:
         """Process an answer of the node."""
@@ -176,7 +180,8 @@ class BlockDownload:
             self._fail(Outcome.FAILED, f"it aborts with code {code:08X}h")
 
     def _does_not_fit(self) -> None:
-        self.say(abort_message(self.index, 0, Abort.COMMAND))  # else the node takes the next request for a segment
+        # else the node takes the next request for a segment
+        self.say(abort_message(self.index, self.sub_index, Abort.COMMAND))
         self._fail(Outcome.FAILED, "an answer did not fit")
 
     def _fail(self, outcome: Outcome, why: str) -> None:

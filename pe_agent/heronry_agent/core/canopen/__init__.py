@@ -8,6 +8,7 @@
     object_dictionary    which objects may be read and written, by index
     pe_objects           what each object of a PE says: the parts of the agent are asked when a client asks
     given_table          none ─► given: the table that a client has written, checked for this node
+    programs             the door to the loader of code, where this PE has one
     node_services        IDS, NSS, TIS and STS
 
 *Who may change it.* Any node may send these requests, so none of them may stop what a manager has started: NMT moves
@@ -24,6 +25,7 @@ The page: docs/canopen.md.
 from heronry_agent.core.canopen.canopen_node import CanopenNode
 from heronry_agent.core.canopen.given_table import GivenTable
 from heronry_agent.core.canopen.pe_objects import Parts
+from heronry_agent.core.canopen.programs import Programs
 from heronry_agent.core.canopen.sdo_server import SdoServer
 
-__all__ = ["CanopenNode", "GivenTable", "Parts", "SdoServer"]
+__all__ = ["CanopenNode", "GivenTable", "Parts", "Programs", "SdoServer"]

@@ -39,7 +39,7 @@ class ObjectDictionary:
         arrays: Mapping[int, Elements],
         number_writers: Mapping[Place, NumberWriter],
         bytes_writers: Mapping[Place, BytesWriter],
-        takes_bytes: Callable[[], bool],
+        takes_bytes: Callable[[int], bool],
     ) -> None:
         """Take the functions that read and write the values; a place is (index, sub-index).
 
@@ -47,8 +47,8 @@ class ObjectDictionary:
         arrays: by index of an array, a function that returns the elements of the array.
         number_writers, bytes_writers: by place, a function that writes a value, and returns None, or the reason
             why it refuses the value.
-        takes_bytes: tells whether a value whose type has no fixed length may be written now; called when a
-            write begins, before the first byte of the value comes.
+        takes_bytes: tells by index whether a value whose type has no fixed length may be written now; called when
+            a write begins, before the first byte of the value comes.
         """
         self._node = node
         self._readers, self._arrays = readers, arrays
@@ -83,7 +83,7 @@ class ObjectDictionary:
         if (index, sub_index) not in self._number_writers and (index, sub_index) not in self._bytes_writers:
             return Abort.UNSUPPORTED
         if variable.type.length is None:
-            if not self._takes_bytes():
+            if not self._takes_bytes(index):
                 return Abort.DEVICE_STATE
             return Abort.OUT_OF_MEMORY if length is not None and length > MOST_BYTES else MOST_BYTES
         return Abort.LENGTH if length not in (None, variable.type.length) else variable.type.length

@@ -10,6 +10,8 @@ read. A client can write these objects:
                         - A PE that has a table accepts only the same table again
                         - A PE that runs a configuration accepts no table, since its many bytes would load the bus
 
+    program, its parts, program control     only where this PE has a loader (`programs`)
+
 With a key, a client can write only while the PE is unlocked (`authenticity`), and a table must be sealed for the
 challenge that the client has read.
 """
@@ -21,7 +23,8 @@ from functools import cache, partial
 from heronry_agent.core.authority import Authenticity, FollowedManager
 from heronry_agent.core.canopen.network_management import NetworkManagement
 from heronry_agent.core.canopen.node_services import NodeServices
-from heronry_agent.core.canopen.object_dictionary import MOST_BYTES, ObjectDictionary
+from heronry_agent.core.canopen.object_dictionary import MOST_BYTES, BytesWriter, NumberWriter, ObjectDictionary, Place
+from heronry_agent.core.canopen.programs import Programs
 from heronry_agent.core.configuration import ActiveConfiguration
 from heronry_agent.core.modules import RunningModules
 from heronry_agent.core.reports import Facts
@@ -44,6 +47,10 @@ from heronry_wire.canopen_objects import (
     MODULE_STATES,
     MODULE_TRACEBACKS,
     PROGRAM_CONTROL,
+    PROGRAM_DATA,
+    PROGRAM_STATUS,
+    PROGRAM_TRANSFER,
+    PROGRAM_VERSION,
     SPEC,
     STATE,
     STORED_EDS,
@@ -74,6 +81,7 @@ class Parts:
         it refuses. If `take_table` is None, such a table is always refused.
     authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
     cost: returns what this node costs its computer, or None while that is not known.
+    programs: the door to the loader; None where this PE has no loader.
     """
 
     turn: Turn
@@ -86,6 +94,7 @@ class Parts:
     take_table: Callable[[bytes], Abort | None] | None = None
     authenticity: Authenticity | None = None
     cost: Callable[[], NodeCost | None] = lambda: None
+    programs: Programs | None = None
 
 
 class PeObjects:
@@ -98,13 +107,25 @@ class PeObjects:
 
     def dictionary(self) -> ObjectDictionary:
         """Return the object dictionary of this PE; it reads and writes values by functions of this `PeObjects`."""
+        programs = self._parts.programs
+        number_writers: dict[Place, NumberWriter] = {
+            (HEARTBEAT_TIME, 0): self._set_heartbeat,
+            (ERROR_HISTORY, 0): self._forget_errors,
+        }
+        bytes_writers: dict[Place, BytesWriter] = {(TABLE, 0): self._take_table}
+        if programs is not None:
+            number_writers[PROGRAM_CONTROL, 1] = programs.order
+            bytes_writers |= {(PROGRAM_DATA, 1): programs.write, (PROGRAM_TRANSFER, 1): programs.write_part}
         return ObjectDictionary(
             self._parts.index.node,
             readers={
                 (ERROR_REGISTER, 0): lambda: self._parts.modules.faults.register,
                 (HEARTBEAT_TIME, 0): lambda: self._network.heartbeat_ms,
                 (STORED_EDS, 0): cache(lambda: eds_text().encode()),
-                (PROGRAM_CONTROL, 1): lambda: _PROGRAM_STARTED,
+                (PROGRAM_CONTROL, 1): lambda: _PROGRAM_STARTED if programs is None else programs.control,
+                (PROGRAM_VERSION, 1): lambda: 0 if programs is None else programs.version,
+                (PROGRAM_STATUS, 1): lambda: 0 if programs is None else programs.status,
+                (PROGRAM_TRANSFER, 2): lambda: b"" if programs is None else programs.received,
                 (TABLE, 0): self._table,
                 **{(STATE, number): partial(self._state, number) for number in range(1, 11)},
                 (SPEC, 1): lambda: self._parts.index.table.name,
@@ -135,10 +156,15 @@ class PeObjects:
                 MODULE_FAILURES: lambda: [self._failure(entry.index).reason for entry in self._entries],
                 MODULE_TRACEBACKS: lambda: [self._failure(entry.index).traceback for entry in self._entries],
             },
-            number_writers={(HEARTBEAT_TIME, 0): self._set_heartbeat, (ERROR_HISTORY, 0): self._forget_errors},
-            bytes_writers={(TABLE, 0): self._take_table},
-            takes_bytes=lambda: self._parts.active_configuration.running.epoch == NO_EPOCH,
+            number_writers=number_writers,
+            bytes_writers=bytes_writers,
+            takes_bytes=self._takes_bytes,
         )
+
+    def _takes_bytes(self, index: int) -> bool:
+        if index == TABLE:
+            return self._parts.active_configuration.running.epoch == NO_EPOCH
+        return self._parts.programs is not None and self._parts.programs.takes_bytes()
 
     def _state(self, number: int) -> int:
         """Return the value at sub-index `number` of object 2000h, the state of the PE."""

@@ -29,7 +29,7 @@ outputs, and for a second after that, it accepts no report that an element has f
 not follow its command, although its servo is healthy. The reporting module is started anew, to forget what it saw.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from heronry_agent.core.authority import OutputAuthorization
@@ -279,6 +279,10 @@ class RunningModules:
                 if module not in self._lacking:
                     self._lacking.add(module)
                     self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, module, 0)
+
+    def have(self, images: Collection[str]) -> None:
+        """Note that the code of these images is on this PE now."""
+        self._lacking -= {module for module in self._lacking if self._index.modules[module].image in images}
 
     def cleared(self, a: int, index: int) -> None:
         """Clear the faults of an element, as the operator commanded (CLEAR).
