@@ -152,7 +152,7 @@ def test_a_live_feed_is_taken_as_it_comes_and_painted_at_most_twice_a_second() -
     events, ours = list(big_blue().events), os.pipe()
 
     class Feed:
-        spec, source, trouble, frames = big_blue().spec, "manager", "the manager has gone", []
+        spec, source, socket, trouble, frames = big_blue().spec, "manager", None, "the manager has gone", []
 
         def readers(self):
             return [ours[0]] if events else []
@@ -220,7 +220,7 @@ def test_the_heads_of_columns_stand_above_them() -> None:
 
 def words_on_the_screen(app: TopApp, name: str) -> str:
     """What a user reads in a panel, with one blank between words, wherever lines end."""
-    region = app.query_one(f"#{name}").region
+    region = app.screen.query_one(f"#{name}").region
     strips = app.screen._compositor.render_strips()[region.y : region.bottom]
     return " ".join(re.sub("[▁-█]", " ", " ".join(strip.crop(region.x, region.right).text for strip in strips)).split())
 

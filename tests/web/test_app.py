@@ -77,7 +77,7 @@ def test_facts_name_everything_that_a_page_lists(reading):
     spec = big_blue()
     assert facts["phases"] == list(spec.phases)
     assert set(facts["modules"]) == set(spec.modules)
-    assert facts["orders"] == []
+    assert facts["orders"] == {}
     assert not facts["recorded"]
     assert facts["modules"]["pressure_voter"]["modes"][0]["needs"] == "2 of (pressure_1, pressure_2, pressure_3)"
     keys = {symbol["key"] for symbol in facts["symbols"]}
@@ -153,10 +153,14 @@ def operated(orders):
 def test_orders_of_a_demo_reach_it():
     here, got = demo(b'{"done": true, "sentence": "pe:nav is killed"}\n')
     with here, operated(Orders(None, here)) as asking:
-        assert asking.get("/api/facts").json()["orders"] == ["kill", "restore"]
+        assert asking.get("/api/facts").json()["orders"].keys() == {"kill", "start"}
         answer = asking.post("/api/order", json={"do": "kill", "what": "pe:nav"}, headers=ORDER).json()
     assert answer == {"done": True, "sentence": "pe:nav is killed"}
     assert got == [{"do": "kill", "what": "nav"}]
+    here, got = demo(b'{"done": true, "sentence": "pe:nav starts"}\n')
+    with here, operated(Orders(None, here)) as asking:
+        asking.post("/api/order", json={"do": "start", "what": "pe:nav"}, headers=ORDER)
+    assert got == [{"do": "restore", "what": "nav"}]
 
 
 def test_a_demo_that_has_ended_is_told():

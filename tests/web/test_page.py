@@ -1,7 +1,7 @@
 """The page in Debian's Chromium, on a recorded flight of big_blue."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +11,19 @@ from axe_playwright_python.sync_playwright import Axe
 from heronry_dg.loader import load
 from heronry_dg.plan import configuration_of
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.events import EpochPrepared, PeJoined, PeLost, PhaseChanged, PlanReady, Reconfigured, ScriptTaken
+from heronry_manager.core.intake.retirement import parts_of
+from heronry_manager.events import (
+    EpochPrepared,
+    FaultCleared,
+    FaultReported,
+    ManagerStarted,
+    PeJoined,
+    PeLost,
+    PhaseChanged,
+    PlanReady,
+    Reconfigured,
+    ScriptTaken,
+)
 from heronry_manager.shell.control_protocol import Answer
 from heronry_pcs.plan_script import module_graph
 from heronry_pcs.script_difference import difference
@@ -288,7 +300,8 @@ def expect_order(watched, given, opener, order, words=None):
 @pytest.mark.soak
 def test_every_other_order_is_given_from_the_page(chromium):
     given = []
-    live = watched_now()
+    keyed = (replace(one, key="A1B2C3") if isinstance(one, ManagerStarted) else one for one in flown())
+    live = watched_now(list(keyed))
     with Server(live, operates=True, orders=Noted(Path("none.sock"), None, given)) as server:
         watched = Watched(chromium)
         watched.open(server.access.url(with_token=True))
@@ -304,6 +317,24 @@ def test_every_other_order_is_given_from_the_page(chromium):
         watched.page.click('#pes [data-pe="air"] header button')
         said = expect_order(watched, given, '[data-order="unlock pe:air"]', {"do": "unlock", "what": "pe:air"})
         assert "the planner cannot foresee that" in said
+        said = expect_order(watched, given, '[data-order="retire pe:air"]', {"do": "retire", "what": "pe:air"})
+        parts = parts_of(big_blue(), "pe:air")
+        desk = Desk(big_blue()).answer(
+            {"ask": "plan", "down": [*watched.known()["down"], *parts], "phase": watched.known()["phase"]}
+        )
+        served = (one for one, of in watched.known()["functions"].items() if of["served"])
+        assert all(f"{one} will be lost" in said for one in served if not desk["plan"]["functions"][one]["served"])
+        code = "OPERATOR"
+        faults = [
+            FaultReported(live.snapshot.t_ns, element=one, by="the operator", detail=0, code=code) for one in parts
+        ]
+        live.take_all(faults, None, is_alive=True)
+        watched.page.wait_for_selector('[data-order="restore pe:air"]')
+        expect_order(watched, given, '[data-order="restore pe:air"]', {"do": "restore", "what": "pe:air"})
+        live.take_all(
+            [FaultCleared(live.snapshot.t_ns, element=one, by="the operator") for one in parts], None, is_alive=True
+        )
+        watched.page.wait_for_selector('[data-order="restore pe:air"]', state="detached")
         running = {
             name: {"pe": one["pe"], "mode": one["mode"], "inputs": one["wires"]}
             for name, one in watched.known()["modules"].items()

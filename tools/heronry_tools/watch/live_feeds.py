@@ -44,6 +44,7 @@ class Feed(Protocol):
 
     spec: Spec
     spec_file: Path | None  # None if the caller named the spec itself
+    socket: Path | None  # of the manager that takes orders; None: no manager is followed
     source: Source
     trouble: str | None
     frames: list[LoggedFrame]  # heard in the last poll
@@ -109,6 +110,7 @@ class FollowedManager:
         Raises ControlError if the manager does not listen or sends no status, and UserError if the manager's spec
         cannot be read.
         """
+        self.socket: Path | None = path
         self._path = path
         self.trouble: str | None = None
         self.frames: list[LoggedFrame] = []
@@ -188,6 +190,7 @@ class ListenedBuses:
     """A feed that only listens to buses: without the events of a manager, it does not show why epochs change."""
 
     source: Source = "bus"
+    socket: Path | None = None
 
     def __init__(
         self, spec: Spec, choices: Sequence[BusChoice], *, key: Key | None = None, tables: tuple[PeTable, ...] = ()

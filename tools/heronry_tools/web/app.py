@@ -7,7 +7,7 @@ import asyncio
 import json
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from threading import Lock
@@ -21,6 +21,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
 from heronry_dg.model import Spec
+from heronry_tools.watch.offered_orders import ORDERS, OfferedOrders
 from heronry_tools.watch.snapshot import document
 from heronry_tools.web.facts import facts
 from heronry_tools.web.guard import Access, Guard
@@ -75,12 +76,22 @@ class Site:
     drawing: Lock = field(default_factory=Lock)
 
     @cached_property
+    def _kinds(self) -> list[str]:
+        """The kinds of orders that pages may give."""
+        return self.orders.kinds() if self.access.operates else []
+
+    @cached_property
+    def _offers(self) -> OfferedOrders | None:
+        return OfferedOrders(self.spec, self._kinds) if self._kinds else None
+
+    @cached_property
     def facts(self) -> dict[str, Any]:
         """Give what a page gets once, when it is opened: the spec's facts, and what this server can do."""
         return {
             **facts(self.spec),
             "recorded": isinstance(self.shown, Recording),
-            "orders": self.orders.kinds() if self.access.operates else [],
+            "orders": {order: asdict(ORDERS[order]) for order in self._kinds},
+            "retired": {} if self._offers is None else dict(self._offers.parts),
             "has_frames": bool(self.frames),
         }
 
@@ -132,7 +143,7 @@ class Site:
         It shows the present state of a system as it changes, or a recording as it plays.
         """
         if isinstance(self.shown, Live):
-            lines = live_stream(self.shown, self.closing)
+            lines = live_stream(self.shown, self.closing, self._offers)
         else:
             from_ns = round(_number(request, "at_ns", self.shown.first_configuration_ns))
             speed = min(max(_number(request, "speed", 0.0), 0.0), _FASTEST)

@@ -6,7 +6,8 @@ a process is passed on to the demo, on a socket pair that the demo has made. Exa
     order to a manager   {"do": "fail", "what": "pe:nav"}
     order to a manager   {"do": "priority", "what": "imaging", "to": 90}
     order to a manager   {"do": "release"}
-    order to a demo      {"do": "kill", "what": "nav"}
+    order to a manager   {"do": "restore", "what": "pe:nav"}    takes a retired PE back
+    order to a demo      {"do": "kill", "what": "nav"}          "start" starts the process again
     answer               {"done": true, "sentence": "..."}
 """
 
@@ -22,8 +23,8 @@ from heronry_manager.shell.control_place import ControlError
 from heronry_manager.shell.control_protocol import VERSION, Answer, Follow, Spoken, read_order
 from heronry_tools.web.following import standby_of
 
-OF_A_MANAGER: Final = ("phase", "fail", "clear", "priority", "unlock", "script", "release")
-OF_A_DEMO: Final = ("kill", "restore")
+OF_A_MANAGER: Final = ("phase", "fail", "clear", "retire", "restore", "priority", "unlock", "script", "release")
+OF_A_DEMO: Final = {"kill": "kill", "start": "restore"}  # the words of the pages, and those of the demo
 _PATIENCE_S: Final = 10.0
 _LONGEST_ANSWER: Final = 4096
 
@@ -70,7 +71,7 @@ class Orders:
         assert self.demo is not None
         self.demo.settimeout(_PATIENCE_S)
         try:
-            self.demo.sendall(json.dumps({"do": do, "what": what.removeprefix("pe:")}).encode() + b"\n")
+            self.demo.sendall(json.dumps({"do": OF_A_DEMO[do], "what": what.removeprefix("pe:")}).encode() + b"\n")
             answer: dict[str, Any] = json.loads(self.demo.recv(_LONGEST_ANSWER))
         except (OSError, ValueError):
             return Answer(done=False, sentence="the demo does not answer: has it ended?")

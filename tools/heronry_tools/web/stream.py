@@ -1,6 +1,7 @@
 """The one stream of a page, as server-sent events.
 
     event: whole     sent first: the snapshot, the loads of the last minutes, and for a recording its begin and end
+                     (`offered`: the orders that the page may give now)
     event: change    what differs from the snapshot that was sent before (`changes`)
     event: beat      sent at least once a second. For a live feed: for how long nothing has come, and why; for a
                      recording: the time that is shown, and whether the recording plays
@@ -18,6 +19,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Sequence
 from contextlib import aclosing
 from typing import Any, Final
 
+from heronry_tools.watch.offered_orders import OfferedOrders
 from heronry_tools.watch.reducer import State
 from heronry_tools.watch.snapshot import Snapshot, document
 from heronry_tools.web.changes import change
@@ -40,14 +42,18 @@ def _whole(snapshot: Snapshot, loads: list[dict[str, Any]], **more: Any) -> str:
     return sent("whole", {"snapshot": document(snapshot), "loads": loads, **more})
 
 
-def _changed(before: Snapshot, after: Snapshot, loads: list[dict[str, Any]]) -> str:
-    return sent("change", {**change(before, after), "loads": loads})
+def _changed(before: Snapshot, after: Snapshot, loads: list[dict[str, Any]], **more: Any) -> str:
+    return sent("change", {**change(before, after), "loads": loads, **more})
 
 
-async def live_stream(live: Live, closing: asyncio.Event) -> AsyncIterator[str]:
-    """Stream the present state of a system, until `closing` is set."""
+async def live_stream(live: Live, closing: asyncio.Event, offers: OfferedOrders | None = None) -> AsyncIterator[str]:
+    """Stream the present state of a system, until `closing` is set.
+
+    offers: the orders that the page may give; they are sent as `offered`, by element, whenever they have changed.
+    """
     known = live.snapshot
-    yield _whole(known, live.loads(0))
+    offered = None if offers is None else offers.now(known)
+    yield _whole(known, live.loads(0), offered=offered or {})
     yield _live_beat(live)
     beat_s, told, sent_s = time.monotonic(), live.trouble, 0.0
     while not closing.is_set():
@@ -58,7 +64,8 @@ async def live_stream(live: Live, closing: asyncio.Event) -> AsyncIterator[str]:
         if (rest_s := due_s - time.monotonic()) > 0 and live.trouble == told:
             await live.changed(rest_s)
         elif now is not known:
-            yield _changed(known, now, live.loads(known.events))
+            before, offered = offered, None if offers is None else offers.now(now)
+            yield _changed(known, now, live.loads(known.events), **({} if offered == before else {"offered": offered}))
             known, sent_s = now, time.monotonic()
         if time.monotonic() - beat_s >= _BEAT_S or live.trouble != told:
             beat_s, told = time.monotonic(), live.trouble

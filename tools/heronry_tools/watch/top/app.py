@@ -9,6 +9,7 @@ import os
 from typing import Any, ClassVar
 
 from rich.text import Text
+from textual import work
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
@@ -17,6 +18,7 @@ from textual.widgets import Footer, Input, Static
 
 from heronry_tools.watch.snapshot import Snapshot
 from heronry_tools.watch.top import panels
+from heronry_tools.watch.top.order_pages import Choice, Number, Question
 from heronry_tools.watch.top.panels import Look, joined
 from heronry_tools.watch.top.sources import RecordedSource, TopSource
 from heronry_tools.watch.top.terminal import Terminal
@@ -26,6 +28,7 @@ _STANDARD_INPUT = 0
 _LOOK_S = 0.1  # the longest time for which a feed is not looked at
 _STEP_NS = 1_000_000_000
 _MOST_EVENTS = 200
+_ANSWER_S = 20.0  # for which the answer to an order is shown
 _WIDE, _HIGH = 140, 36
 _TABS = ("events", "reconfigurations", "modules")
 _HELP = """\
@@ -33,6 +36,7 @@ up, down       select a PE                    d   all details of it, and of the 
 1, 2, 3        events, reconfigurations, modules of the selected PE (tab: the next one)
 /              show only lines with these words; empty: all       SPACE   freeze the picture; counting goes on
 ?              this page                      q   quit
+o              give an order to the manager, after a question
 page up, page down   scroll the functions
 
 of a recording:  left, right   one second     [, ]   the reconfiguration before, the next one
@@ -55,6 +59,7 @@ _OWN_ACTIONS = frozenset(
         "move",
         "end",
         "functions",
+        "order",
     }
 )
 
@@ -102,6 +107,7 @@ class TopApp(App[None]):
         _shown("slash", "filter"),
         _shown("space", "freeze"),
         _shown("d", "details"),
+        _shown("o", "order"),
         _shown("tab", "tab", "panel"),
         _shown("q", "quit"),
         _shown("p", "play"),
@@ -128,16 +134,19 @@ class TopApp(App[None]):
         self._tab = 0
         self._frozen: Snapshot | None = None
         self._waits_on: set[int] = set()
+        self._answer = ""  # of the manager to the last order
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Tell whether the action of a key can be carried out now.
 
         While a page or the filter is open, the keys of the panels have no effect. Otherwise, the keys for a recording
-        have an effect only if the source is a recording.
+        have an effect only if the source is a recording, and orders can be given if it is a manager.
         """
         del parameters
-        if isinstance(self.screen, Reading) or isinstance(self.focused, Input):
+        if isinstance(self.screen, ModalScreen) or isinstance(self.focused, Input):
             return action not in _OWN_ACTIONS
+        if action == "order":
+            return self.source.operator is not None
         return self.source.is_recorded or action not in self._OF_A_RECORDING
 
     def compose(self) -> ComposeResult:
@@ -220,7 +229,7 @@ class TopApp(App[None]):
         return Look(next(iter(view.pes)), self.look.words)
 
     def _notes(self) -> list[Text]:
-        notes = [self.source.note()]
+        notes = [self.source.note(), self._answer]
         if self._frozen is not None:
             since = self.source.snapshot().events - self._frozen.events
             notes.append(f"FROZEN, {since} events since: SPACE goes on")
@@ -285,6 +294,29 @@ class TopApp(App[None]):
         said.input.display = False
         self.set_focus(None)
         self.paint()
+
+    @work(exclusive=True)
+    async def action_order(self) -> None:
+        """Let the user choose an order that can be given now, ask whether it shall be given, and give it."""
+        operator, view = self.source.operator, self.source.snapshot()
+        assert operator is not None, "the key is bound only for a manager"
+        order = await self.push_screen_wait(Choice(list(operator.offered(view, self.look.selected))))
+        if order is not None and order.do == "priority":
+            order = await self.push_screen_wait(Number(order, view.functions[order.what].priority))
+        if order is None or not await self.push_screen_wait(Question(order)):
+            return
+        self._tell(f"{order.word()}: the manager is asked ...")
+        self._tell(await asyncio.to_thread(operator.give, order))
+
+    def _tell(self, sentence: str) -> None:
+        self._answer = sentence
+        self.set_timer(_ANSWER_S, lambda: self._forget(sentence))
+        self.paint()
+
+    def _forget(self, sentence: str) -> None:
+        if self._answer == sentence:
+            self._answer = ""
+            self.paint()
 
     def action_move(self, seconds: int) -> None:
         """Move the cursor of a recording by so many seconds, backwards if the number is negative."""

@@ -8,6 +8,7 @@ from heronry_tools.watch.live_feeds import Feed
 from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Snapshot
+from heronry_tools.watch.top.orders import Operator
 
 SPEEDS = (1, 4, 16)
 _NS_PER_S = 1_000_000_000
@@ -20,6 +21,7 @@ class LiveSource:
 
     def __init__(self, feed: Feed) -> None:
         self._feed, self._reducer = feed, Reducer(feed.spec)
+        self.operator = None if feed.socket is None else Operator(feed.spec, feed.socket)
         self._state = self._reducer.start(feed.source)
 
     def readers(self) -> Sequence[Any]:
@@ -47,6 +49,7 @@ class RecordedSource:
     """A recording with a cursor in time, which the user moves, or which runs by itself."""
 
     is_recorded = True
+    operator = None
 
     def __init__(self, recording: Recording, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         """Put the cursor at the end of the recording.

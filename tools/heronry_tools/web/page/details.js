@@ -41,7 +41,7 @@ export function show() {
     return;
   }
   const rows = (TELL[picked.kind] ?? nothing)(picked.name, store.snapshot, store.facts);
-  const text = JSON.stringify([picked, rows, store.snapshot.faults.map((fault) => fault.element)]); // orders follow the faults
+  const text = JSON.stringify([picked, rows, (rows.elements ?? []).map((element) => store.offered[element])]);
   if (text === drawn) return;
   const why = drawn && section.querySelector(".explained");
   drawn = text;
@@ -55,7 +55,7 @@ export function show() {
       rows.function ? h("button", { type: "button", on: { click: (event) => explain(rows.function, event.target) } }, "Why, and what would repair it") : null,
       (rows.plots ?? []).map(plots.link),
       picked.kind === "function" ? operate.priorityButton(picked.name) : null,
-      (rows.elements ?? []).map((element) => ["fail", "clear", "unlock", "kill", "restore"].map((order) => operate.button(order, element)))),
+      (rows.elements ?? []).map(operate.buttons)),
     why || h("div", { class: "explained", "aria-live": "polite" }));
 }
 
@@ -121,7 +121,7 @@ const TELL = {
     return {
       state: live(snapshot, `module:${name}`),
       function: serves[0],
-      elements: [`module:${name}`],
+      elements: [`module:${name}`, ...snapshot.faults.map((fault) => fault.element).filter((one) => one.startsWith(`module:${name}@`))],
       plots: [...new Set(of.modes.flatMap((mode) => Object.keys(mode.gives)))],
       facts: {
         state: WORDS[live(snapshot, `module:${name}`)], "runs on": one.pe ?? "no PE", mode: one.mode, "why not": one.pe ? null : one.can_run ? "it could run, and is not chosen" : "it lacks what it needs: see the crossed symbols before it",

@@ -6,47 +6,29 @@ import { post } from "./stream.js";
 import { asPriorities, limitsNow, store } from "./store.js";
 
 const MOST_PRIORITY = 32767;
-const ORDERS = {
-  fail: { word: ({ what }) => `Fail ${what}`, says: ({ what }) => `Plan without ${what}, whatever is heard of it?`, grave: true },
-  clear: { word: ({ what }) => `Clear ${what}`, says: ({ what }) => `Count ${what} as working again?` },
-  kill: { word: ({ what }) => `Kill ${what}`, says: ({ what }) => `Kill the process of ${what} (SIGKILL)?`, grave: true },
-  restore: { word: ({ what }) => `Start ${what} again`, says: ({ what }) => `Start the process of ${what} again?` },
-  unlock: {
-    word: ({ what }) => `Unlock ${what}`, says: ({ what }) => `Let other tools write to ${what} for a while (NMT, SDO)?`, grave: true,
-    cost: "No plan changes because of this order. A tool that writes to the PE meanwhile can stop what runs there; the planner cannot foresee that.",
-  },
-  phase: { word: ({ what }) => `Enter ${what}`, says: ({ what }) => `Enter the phase ${what}?` },
-  priority: { word: ({ what }) => `Change ${what}`, says: ({ what, to }) => (to === null ? `Give ${what} the priority of the spec again?` : `Give ${what} the priority ${to}?`) },
-  script: { word: () => "Fly the script", says: () => "Fly what this script makes of the running configuration, and hold it?", grave: true },
-  release: { word: () => "Release", says: () => "Hold the script no longer, and seek the best plan again?" },
-};
-const OF_A_PE = ["kill", "restore", "unlock"];
+const takes = (order) => order in store.facts.orders;
+const isOffered = (order) => store.offered[""]?.includes(order);
+const filled = (text, { what, to }) => text.replace("{what}", what).replace("{to}", to);
+const word = (order) => filled(store.facts.orders[order.do].word, order);
 
-const takes = (order) => store.facts.orders.includes(order);
+function question(order) {
+  if (order.do === "priority" && order.to === null) return `Give ${order.what} the priority of the spec again?`;
+  return filled(store.facts.orders[order.do].question, order);
+}
 
 function opener(order, text, act) {
-  return h("button", { type: "button", class: ORDERS[order.do].grave ? "grave" : "", "data-order": [order.do, order.what].filter(Boolean).join(" "), on: { click: act ?? (() => ask(order)) } }, text ?? ORDERS[order.do].word(order));
+  return h("button", { type: "button", class: store.facts.orders[order.do].is_grave ? "grave" : "", "data-order": [order.do, order.what].filter(Boolean).join(" "), on: { click: act ?? (() => ask(order)) } }, text ?? word(order));
 }
 
-// What can be done now. A PE that is declared failed may still live, one in quarantine is cleared though it works, and
-// one that waits for a table is unlocked though it counts as down.
-const standing = (element) => (element.startsWith("pe:") ? store.snapshot.pes[element.slice(3)]?.standing : undefined);
-const isLatched = (element) => store.snapshot.faults.some((fault) => fault.element === element);
-const NOW = {
-  kill: (element) => standing(element) !== "down" || isLatched(element),
-  restore: (element) => standing(element) === "down",
-  unlock: () => true,
-  fail: (element) => !isLatched(element),
-  clear: (element) => isLatched(element) || standing(element) === "returning",
-};
-
+// The server says what can be done now.
 export function button(name, element) {
-  if (!takes(name) || !NOW[name](element) || (OF_A_PE.includes(name) && !element.startsWith("pe:"))) return null;
-  return opener({ do: name, what: element });
+  return store.offered[element]?.includes(name) ? opener({ do: name, what: element }) : null;
 }
+
+export const buttons = (element) => (store.offered[element] ?? []).map((name) => opener({ do: name, what: element }));
 
 export function priorityButton(name) {
-  return takes("priority") ? opener({ do: "priority", what: name }, "Priority …", () => askPriority(name)) : null;
+  return isOffered("priority") ? opener({ do: "priority", what: name }, "Priority …", () => askPriority(name)) : null;
 }
 
 export function begin() {
@@ -55,11 +37,11 @@ export function begin() {
 
 export function show() {
   const release = byId("orders").querySelector('[data-order="release"]');
-  if (release) release.hidden = !["held", "asked"].includes(store.snapshot.script.state);
+  if (release) release.hidden = !isOffered("release");
 }
 
 export function phaseChoice(now) {
-  if (!takes("phase") || store.facts.phases.length < 2) return now;
+  if (!isOffered("phase")) return now;
   return h("select", {
     "aria-label": "Phase",
     on: {
@@ -95,17 +77,18 @@ function form(title, fields, order, ...more) {
   if (!dialog.open) dialog.showModal();
 }
 
-// The question to the planner: what runs after an order. Null: no plan follows from it.
-function question({ do: name, what, to }) {
+// What the planner is asked: what runs after an order. Null: no plan follows from it.
+function asked({ do: name, what, to }) {
   const { down, phase, modules } = store.snapshot;
   const priorities = { ...store.snapshot.priorities };
-  const asked = { ask: "plan", down: down.filter((one) => one !== what), phase: name === "phase" ? what : phase };
-  if (name === "fail" || name === "kill") asked.down.push(what);
+  const of = ["retire", "restore"].includes(name) ? store.facts.retired[what] : [what];
+  const found = { ask: "plan", down: down.filter((one) => !of.includes(one)), phase: name === "phase" ? what : phase };
+  if (["fail", "kill", "retire"].includes(name)) found.down.push(...of);
   if (name === "priority") delete priorities[what];
   if (name === "priority" && to !== null) priorities[what] = to;
-  Object.assign(asked, { priorities: asPriorities(priorities), limits: limitsNow(store.snapshot) });
-  if (name === "script") Object.assign(asked, { ask: "script", script: what, modules: running(modules) });
-  return name === "unlock" ? null : asked;
+  Object.assign(found, { priorities: asPriorities(priorities), limits: limitsNow(store.snapshot) });
+  if (name === "script") Object.assign(found, { ask: "script", script: what, modules: running(modules) });
+  return name === "unlock" ? null : found;
 }
 
 function running(modules) {
@@ -115,9 +98,9 @@ function running(modules) {
 
 async function ask(order) {
   const dialog = byId("confirm");
-  const { word, says, grave, cost: known } = ORDERS[order.do];
+  const { is_grave: grave, cost: known } = store.facts.orders[order.do];
   const cost = h("div", { "aria-live": "polite" }, h("p", { class: "muted" }, known ?? "The planner works out what that costs …"));
-  const go = h("button", { type: "button", class: grave ? "grave" : "main", disabled: known === undefined }, word(order));
+  const go = h("button", { type: "button", class: grave ? "grave" : "main", disabled: known === null }, word(order));
   const asking = new AbortController();
   const finish = () => {
     asking.abort();
@@ -127,14 +110,14 @@ async function ask(order) {
     finish();
     note(await post("/api/order", order).catch((error) => ({ done: false, sentence: error.message })));
   });
-  dialog.replaceChildren(h("h2", { id: "confirm-title" }, says(order)), order.do === "script" ? h("pre", { class: "script", tabindex: "0", role: "region", "aria-label": "The script" }, order.what) : "", cost,
+  dialog.replaceChildren(h("h2", { id: "confirm-title" }, question(order)), order.do === "script" ? h("pre", { class: "script", tabindex: "0", role: "region", "aria-label": "The script" }, order.what) : "", cost,
     h("div", { class: "bar" }, h("button", { type: "button", autofocus: true, on: { click: finish } }, "Leave it"), go));
   dialog.oncancel = () => asking.abort();
   if (!dialog.open) dialog.showModal();
-  const asked = question(order);
-  if (asked === null) return;
+  const plan = asked(order);
+  if (plan === null) return;
   try {
-    const answer = await post("/api/ask", asked, asking.signal);
+    const answer = await post("/api/ask", plan, asking.signal);
     cost.replaceChildren(...consequences(answer));
     go.disabled = order.do === "script" && !answer.plan;
   } catch (error) {

@@ -13,6 +13,7 @@ export function show() {
   const rows = Object.entries(pes).map(([name, pe]) => ({
     name, standing: pe.standing, why: pe.why, cpu: pe.cpu, ram: pe.ram, flash: pe.flash,
     node: pe.node_id, restarts: pe.restarts, reboots: pe.reboots, incarnation: pe.incarnation,
+    offered: store.offered[`pe:${name}`],
     modules: pe.modules.map((one) => [one, modules[one].mode, modules[one].degraded, moves[one] ?? null]),
   }));
   list(byId("pes"), rows, (row) => row.name, card);
@@ -29,7 +30,7 @@ function card(pe) {
     h("header", {}, badge(pe.standing),
       h("button", { type: "button", on: { click: () => details.open({ kind: "pe", name: pe.name }) } }, pe.name),
       h("small", {}, extra.join(" · ")),
-      operate.button("kill", `pe:${pe.name}`), operate.button("restore", `pe:${pe.name}`)),
+      operate.button("kill", `pe:${pe.name}`), operate.button("start", `pe:${pe.name}`)),
     pe.why ? h("p", { class: "why" }, pe.why) : null,
     h("div", { class: "budgets" },
       budget("CPU", pe.cpu, (n) => `${(n / 1000).toFixed(2)}`),

@@ -3,7 +3,7 @@
 const KEPT = { told: 500, reconfigurations: 100 };
 const KEPT_LOADS = 600;
 
-export const store = { facts: null, snapshot: null, loads: {}, recording: null, at_ns: null, plays: false };
+export const store = { facts: null, snapshot: null, offered: {}, loads: {}, recording: null, at_ns: null, plays: false };
 
 function addLoads(loads) {
   for (const load of loads) {
@@ -33,6 +33,7 @@ function lean(reconfigurations) {
 export function takeWhole(data) {
   store.snapshot = data.snapshot;
   lean(data.snapshot.reconfigurations);
+  store.offered = data.offered ?? {};
   store.loads = {};
   addLoads(data.loads);
   store.recording = data.recording ?? null;
@@ -43,6 +44,7 @@ export function takeChange(data) {
   const snapshot = store.snapshot;
   if (snapshot === null) return;
   Object.assign(snapshot, data.set);
+  if (data.offered) store.offered = data.offered;
   for (const [name, entries] of Object.entries(data.merge)) Object.assign(snapshot[name], entries);
   for (const [part, entries] of Object.entries(data.graph)) Object.assign(snapshot.graph[part], entries);
   lean(data.reconfigurations ?? []);

@@ -1,0 +1,189 @@
+"""Orders from `heronry top`, through Textual's pilot, to a manager's core behind its real socket."""
+
+import asyncio
+import threading
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import pytest
+from textual.widgets import Input, OptionList
+
+from heronry_dg.loader import load
+from heronry_manager.core.vocabulary import Reply
+from heronry_manager.events import Place, Status
+from heronry_manager.shell.control_socket import ControlSocket
+from heronry_tools.watch.live_feeds import FollowedManager
+from heronry_tools.watch.top.app import Reading, TopApp
+from heronry_tools.watch.top.order_pages import Choice, Number, Question
+from heronry_tools.watch.top.orders import KINDS, Operator, Order
+from heronry_tools.watch.top.sources import LiveSource, RecordedSource
+from manager.one_manager import SPEC_TEXT, OneManager
+from watch.flights import PICTURES, big_blue
+from watch.test_top import LARGE, SMALL, shown, words_on_the_screen
+
+PHASES = "phases: {climb: {}, glide: {}}\n"
+LEFT_AT = {Choice: ("escape",), Question: ("n", "escape", "q")}  # a page, and the keys that leave it
+
+
+class Manager:
+    """A manager's core of three PEs behind a socket; `orders` are those that have come."""
+
+    def __init__(self, folder: Path) -> None:
+        file = folder / "two_tails.dg.yaml"
+        file.write_text(SPEC_TEXT + PHASES)
+        self.path, self.orders = folder / "two_tails.sock", []
+        self._core = OneManager(load(file))
+        self._core.start()
+        place = Place("can0", "softbus", "/no/such.sock")
+        self._first = Status(self._core.now_ns, self._core.core.status(), plan=None, bus=place, file=str(file))
+
+    @contextmanager
+    def listening(self):
+        over = threading.Event()
+
+        def serve(control: ControlSocket) -> None:
+            while not over.wait(0.005):
+                for said in control.poll():
+                    self.orders.append(said.order)
+                    told = len(self._core.events)
+                    for action in self._core.give(said):
+                        if isinstance(action, Reply):
+                            control.answer(action)
+                    for event in self._core.events[told:]:
+                        control.followers.tell(event)
+                control.followers.pump(lambda: self._first)
+
+        with ControlSocket(self.path) as control:
+            server = threading.Thread(target=serve, args=(control,))
+            server.start()
+            try:
+                yield self
+            finally:
+                over.set()
+                server.join()
+
+
+def give(folder, size, play) -> Manager:
+    manager = Manager(folder)
+
+    async def run() -> None:
+        source = LiveSource(FollowedManager(manager.path))
+        app = TopApp(source)
+        async with app.run_test(size=size) as pilot:
+            while not app.snapshot().events:
+                await pilot.pause(0.02)
+            app.paint()
+            await pilot.pause()
+            await play(app, pilot)
+        source.close()
+
+    with manager.listening():
+        asyncio.run(run())
+    return manager
+
+
+async def until(pilot, holds) -> None:
+    async with asyncio.timeout(30):
+        while not holds():
+            await pilot.pause(0.02)
+
+
+def listed(app) -> list[str]:
+    orders = app.screen.query_one(OptionList)
+    return [str(orders.get_option_at_index(at).prompt) for at in range(orders.option_count)]
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
+def test_an_order_is_chosen_confirmed_and_answered(tmp_path, size) -> None:
+    async def play(app, pilot) -> None:
+        assert app.look.selected == "left"
+        await pilot.press("o")
+        await until(pilot, lambda: isinstance(app.screen, Choice))
+        assert listed(app)[:2] == ["Fail pe:left", "Retire pe:left"]
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        (PICTURES / f"top-orders-{size[0]}x{size[1]}.svg").write_text(app.export_screenshot())
+        await pilot.press(*"fail pe:", "down", "down", "up", "enter")
+        await until(pilot, lambda: isinstance(app.screen, Question))
+        asked = words_on_the_screen(app, "page")
+        assert "Plan without pe:middle, whatever is heard of it?" in asked
+        assert "y gives the order, n leaves it." in asked
+        (PICTURES / f"top-question-{size[0]}x{size[1]}.svg").write_text(app.export_screenshot())
+        await pilot.press("o", "space")  # no key of the panels
+        await pilot.press("y")
+        await until(pilot, lambda: "pe:middle counts as failed until it is cleared" in shown(app, "head"))
+        await until(pilot, lambda: [one.element for one in app.snapshot().faults] == ["pe:middle"])
+        await pilot.press("o")
+        await until(pilot, lambda: isinstance(app.screen, Choice))
+        assert "Clear pe:middle" in listed(app)
+        assert "Fail pe:middle" not in listed(app)
+
+    manager = give(tmp_path, size, play)
+    assert [(type(one).__name__, one.element) for one in manager.orders] == [("FailElement", "pe:middle")]
+
+
+def test_an_order_that_is_left_at_any_page_is_not_given(tmp_path) -> None:
+    async def play(app, pilot) -> None:
+        for page, key in ((page, key) for page, keys in LEFT_AT.items() for key in keys):
+            await pilot.press("o")
+            await until(pilot, lambda: isinstance(app.screen, Choice))
+            if page is Question:
+                await pilot.press("enter")
+                await until(pilot, lambda: isinstance(app.screen, Question))
+            await pilot.press(key)
+            await until(pilot, lambda: len(app.screen_stack) == 1)
+        await pilot.press("o")
+        await until(pilot, lambda: isinstance(app.screen, Choice))
+        await pilot.press(*"none of them", "down", "enter", "escape")
+        await until(pilot, lambda: len(app.screen_stack) == 1)
+        await pilot.press("question_mark")
+        await until(pilot, lambda: isinstance(app.screen, Reading))
+        assert "give an order to the manager" in words_on_the_screen(app, "page")
+
+    assert give(tmp_path, SMALL, play).orders == []
+
+
+def test_a_priority_is_asked_for_and_a_phase_entered(tmp_path) -> None:
+    async def choose(app, pilot, letters) -> None:
+        await pilot.press("o")
+        await until(pilot, lambda: isinstance(app.screen, Choice))
+        app.screen.query_one(Input).value = letters
+        await pilot.pause()
+        await pilot.press("enter")
+
+    async def play(app, pilot) -> None:
+        for typed in ("7", "default"):
+            await choose(app, pilot, "priority of elevator")
+            await until(pilot, lambda: isinstance(app.screen, Number))
+            await pilot.press(*"40000", "enter")
+            assert "40000 is no priority" in words_on_the_screen(app, "wrong")
+            app.screen.query_one(Input).value = typed
+            await pilot.press("enter")
+            await until(pilot, lambda: isinstance(app.screen, Question))
+            await pilot.press("y")
+            said = f"the priority of elevator is {'that of the spec' if typed == 'default' else typed} from now on"
+            await until(pilot, partial(lambda said: said in shown(app, "head"), said))
+        await choose(app, pilot, "enter glide")
+        await until(pilot, lambda: isinstance(app.screen, Question))
+        await pilot.press("y")
+        await until(pilot, lambda: app.snapshot().phase == "glide")
+
+    manager = give(tmp_path, SMALL, play)
+    assert [getattr(one, "priority", one) for one in manager.orders[:2]] == [7, None]
+
+
+def test_every_kind_is_an_order_of_the_socket_and_a_manager_that_has_gone_is_named(tmp_path) -> None:
+    operator = Operator(big_blue().spec, tmp_path / "none.sock")
+    for kind in KINDS:
+        assert "no manager listens" in operator.give(Order(kind, "pe:nav", 5 if kind == "priority" else None))
+
+
+def test_a_recording_takes_no_orders() -> None:
+    async def run() -> None:
+        app = TopApp(RecordedSource(big_blue()))
+        async with app.run_test(size=SMALL) as pilot:
+            await pilot.press("o")
+            await pilot.pause()
+            assert not isinstance(app.screen, Choice)
+
+    asyncio.run(run())
