@@ -15,6 +15,8 @@ from heronry_manager.core.vocabulary import (
     EnterPhase,
     FailElement,
     ReleaseTarget,
+    RestoreElement,
+    RetireElement,
     SetPriority,
     UnlockPe,
 )
@@ -178,7 +180,7 @@ def test_an_order_to_a_manager_that_is_not_there_is_answered(tmp_path):
         assert not answer["done"]
         assert "no manager listens" in answer["sentence"]
         unknown = asking.post("/api/order", json={"do": "kill", "what": "pe:nav"}, headers=ORDER).json()
-        assert "phase, fail, clear, priority, unlock, script, release" in unknown["sentence"]
+        assert "phase, fail, clear, retire, restore, priority, unlock, script, release" in unknown["sentence"]
         for body in ("[1]", "{", "null"):
             head = {**ORDER, "content-type": "application/json"}
             assert not asking.post("/api/order", content=body, headers=head).json()["done"]
@@ -190,6 +192,8 @@ EACH_ORDER = (
     (ClearElement("pe:nav"), {"do": "clear", "what": "pe:nav"}),
     (SetPriority("imaging", 90), {"do": "priority", "what": "imaging", "to": 90}),
     (SetPriority("imaging", None), {"do": "priority", "what": "imaging", "to": None}),
+    (RetireElement("pe:nav"), {"do": "retire", "what": "pe:nav"}),
+    (RestoreElement("pe:nav"), {"do": "restore", "what": "pe:nav"}),
     (UnlockPe("pe:nav"), {"do": "unlock", "what": "pe:nav"}),
     (FlyScript("G.PruneEdges ();"), {"do": "script", "what": "G.PruneEdges ();"}),
     (ReleaseTarget(), {"do": "release"}),
