@@ -30,7 +30,7 @@ class Flown:
         self.fleet, self._stream, self._folder = fleet, stream, folder
         self.events: list[events.Event] = []
         self._cleared = 0  # number of the first event whose fault has not been cleared
-        self._begun_s = time.monotonic()
+        self._begun_s, self._told = time.monotonic(), 0  # the latter: failures that `progress` has printed
 
     def device(self, name: str) -> Path:
         """Return the folder of the files that stand for a device."""
@@ -97,9 +97,12 @@ class Flown:
         ]
 
     def progress(self, done: int, number: int, failures: list[str]) -> None:
-        """Print how far a campaign has come; whoever ends it early has at least this."""
+        """Print how far a campaign has come, and what has failed since the last call."""
         took_s = time.monotonic() - self._begun_s
         print(f"{done:6} of {number} after {took_s:.0f} s; failures: {len(failures)}", flush=True)
+        for failure in failures[self._told :]:
+            print(f"FAILURE: {failure}", flush=True)
+        self._told = len(failures)
 
     def counted(self) -> str:
         """Return how many PEs were lost, and how many standstills were told."""

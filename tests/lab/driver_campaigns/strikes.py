@@ -183,8 +183,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(flight.counted())
     for what, times in sorted(strikes.became.items()):
         print(f"{times:6} {what}")
-    for failure in [*strikes.failures, *(f"{pe} was lost without a told standstill" for pe in lost)]:
-        print(f"FAILURE: {failure}")
+    for pe in lost:
+        print(f"FAILURE: {pe} was lost without a told standstill")
     return 1 if strikes.failures or lost else 0
 
 
