@@ -152,10 +152,19 @@ class OnePe(SteppedCore[Event, Action]):
         missing_images: Mapping[str, str] = MappingProxyType({}),
         secret: Secret | None = None,
         takes_tables: bool = False,
+        slow_to_rest: frozenset[int] = frozenset(),
     ) -> None:
         now_ns = 1_000 * MS
         vars(table)["identity"] = TABLE.identity  # `slice_messages` makes slices for TABLE, and for every variant of it
-        core = AgentCore(table, 5, now_ns, missing_images=missing_images, secret=secret, takes_tables=takes_tables)
+        core = AgentCore(
+            table,
+            5,
+            now_ns,
+            missing_images=missing_images,
+            secret=secret,
+            takes_tables=takes_tables,
+            slow_to_rest=slow_to_rest,
+        )
         super().__init__(core, now_ns)
         self.core: AgentCore
         self.done: list[tuple[int, Action]] = []

@@ -46,6 +46,7 @@ from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import (
     Action,
+    AtRest,
     ChannelsLost,
     DriveFailed,
     Driven,
@@ -88,6 +89,7 @@ class AgentCore:
         cost: Callable[[], NodeCost | None] = lambda: None,
         takes_tables: bool = False,
         program: ProgramState | None = None,
+        slow_to_rest: frozenset[int] = frozenset(),
     ) -> None:
         """Start without a configuration; the first deadline is `now_ns`.
 
@@ -102,6 +104,7 @@ class AgentCore:
         cost: returns what this node costs its computer, or None while that is not known; clients read it by SDO.
         takes_tables: whether the PE accepts another table over the bus while it runs nothing (`new_table`).
         program: what the loader of code says; None: this PE has no loader.
+        slow_to_rest: modules whose StopModule the driver answers with AtRest.
         Raises TableError where the table contradicts itself.
         """
         index = TableIndex(table)
@@ -118,7 +121,7 @@ class AgentCore:
         active_configuration = self.active_configuration = ActiveConfiguration(index)
         staging = self.staging = Staging(SliceReader(index, missing_images), uplink.heartbeat_ns // 2)
         modules = self.modules = RunningModules(turn, index, active_configuration, output_authorization)
-        modules.echoes.every = every_echo
+        modules.echoes.every, modules.rests.slow = every_echo, slow_to_rest
         without_manager = WithoutManager(turn, followed_manager, active_configuration, modules)
         condition = Condition(
             turn, index, followed_manager, output_authorization, staging, active_configuration, modules
@@ -287,25 +290,30 @@ class AgentCore:
             case Driven():
                 modules.driven(event)
                 return
+            case AtRest(module):
+                modules.rests.came(module)
             case NotReady():
                 modules.not_ready(event)
             case StepMeasured():
                 modules.measured(event)
             case ImagesMissing() | ImagesArrived() | ProgramChanged():
                 self._code_changed(event)
-            case Left(port, took_ns):
-                self._radios.ports[port].left(took_ns)
-            case ChannelsLost(port, channels):
-                self._channels.told(port, channels)
-            case StoodStill():  # pragma: no branch - frames do not come here
-                self._stood_still(event)
+            case _:
+                self._take_surroundings(event)
         if self._turn.now_ns >= self.modules.next_ns:
             self.modules.tick()
             self.modules.release()
 
-    def _stood_still(self, event: StoodStill) -> None:
-        if self._turn.standstills.count(event, self._turn.now_ns):
-            self._turn.note("late", f"this computer stood still for {event.for_ns // _NS_PER_MS} ms")
+    def _take_surroundings(self, event: Event) -> None:
+        """Process what the driver reports of the buses and of this computer."""
+        match event:
+            case Left(port, took_ns):
+                self._radios.ports[port].left(took_ns)
+            case ChannelsLost(port, channels):
+                self._channels.told(port, channels)
+            case StoodStill():  # pragma: no branch - nothing else comes here
+                if self._turn.standstills.count(event, self._turn.now_ns):
+                    self._turn.note("late", f"this computer stood still for {event.for_ns // _NS_PER_MS} ms")
 
     def _code_changed(self, event: ImagesMissing | ImagesArrived | ProgramChanged) -> None:
         """Take what is known anew of the code on this PE.

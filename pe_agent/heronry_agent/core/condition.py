@@ -15,9 +15,9 @@ from heronry_agent.core.modules import RunningModules
 from heronry_agent.core.reports import Facts, Reporting
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
-from heronry_wire.management import Step
+from heronry_wire.management import NO_EPOCH, Step
 from heronry_wire.sansio import Send
-from heronry_wire.state_frames import PeFlags
+from heronry_wire.state_frames import PeFlags, PeState
 
 
 @dataclass
@@ -33,12 +33,13 @@ class Condition:
     modules: RunningModules
     _hears_lease: bool = False  # as last logged
     _is_held: bool = False  # exclusive outputs, as last logged
+    _reached: tuple[PeState, int, int] = (PeState.UNCONFIGURED, NO_EPOCH, 0)  # with all devices at rest
 
     def facts(self) -> Facts:
         """Return the present content of the state frames, and log what has changed since the last call.
 
         `facts` logs only changes that no command causes: whether a manager is heard, and whether exclusive outputs are
-        authorized.
+        authorized. While the device of a stopped branch still moves, the configuration before is reported (`rests`).
         """
         now_ns = self.turn.now_ns
         hears_lease = self.followed_manager.hears_lease(now_ns)
@@ -50,11 +51,14 @@ class Condition:
         if held:
             flags |= PeFlags.OUTPUT_HELD
         running = self.active_configuration.running
+        if not self.modules.rests.are_due:
+            self._reached = self.active_configuration.state, running.epoch, running.digest
+        state, epoch, digest = self._reached
         return Facts(
-            self.active_configuration.state,
+            state,
             flags,
-            running.epoch,
-            running.digest,
+            epoch,
+            digest,
             *self.staging.told,
             self.staging.reason,
             self.modules.load_percent,

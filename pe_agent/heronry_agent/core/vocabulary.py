@@ -1,11 +1,12 @@
 """The events and actions of the agent core, except those for frames and time (`heronry_wire.sansio`).
 
-The driver answers four of the actions; no other action has an answer:
+The driver answers five of the actions; no other action has an answer:
 
     StepModule    `Stepped`, `StepFailed` or `NotReady`, or the `PartitionEnded` of the module's partition
     StartModule   `StartFailed` if the start has failed; a start that succeeds has no answer
     MeasureStep   `StepMeasured`
     Drive         `Driven` if the device has moved; `DriveFailed` if the device could not execute the command
+    StopModule    `AtRest` when the device has taken its safe action, if the core was told that this may take time
 
 An answer to StepModule repeats the `release` of the StepModule, a number that is used only once. If the module is
 stopped during its step, the answer may be missing, or come late. By the `release` the core recognizes a late answer,
@@ -161,6 +162,13 @@ class DriveFailed:
 
 
 @dataclass(frozen=True, slots=True)
+class AtRest:
+    """The device of a stopped module has taken its safe action."""
+
+    module: int
+
+
+@dataclass(frozen=True, slots=True)
 class StartModule:
     """Build a module, or continue a module that StopModule has kept; `mode` is an index into `entry.modes`."""
 
@@ -259,6 +267,7 @@ ModuleEvent = (  # what the host of modules reports, with what its loader report
     | ProgramChanged
     | Driven
     | DriveFailed
+    | AtRest
 )
 Event = Received | Tick | Left | ChannelsLost | StoodStill | ModuleEvent
 Action = (

@@ -236,6 +236,7 @@ def _run_with(
                 cost=lambda: meter.last,
                 takes_tables=arguments.node is not None,
                 program=None if code is None else code.loader.program,
+                slow_to_rest=devices.slow_to_rest,
             )
 
         service = ServiceManager()

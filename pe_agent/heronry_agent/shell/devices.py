@@ -59,6 +59,10 @@ class RealDevice(Device, Protocol):
     def is_failed(self, now_ns: int) -> bool:
         """Tell whether the device is to be reported failed."""
 
+    @property
+    def owes(self) -> bool:
+        """Tell whether an actuator has commands that its process has not dealt with."""
+
     def close(self) -> None:
         """End the process."""
 
@@ -149,6 +153,10 @@ class Devices:
         self._names = {module.index: module.device for module in table.modules}
         self._bolted_to = {module.index: self._open(module.device) for module in table.modules}
         self.real = tuple(device for device in self._opened.values() if isinstance(device, RealDevice))
+        self.slow_to_rest = frozenset(
+            module.index for module in table.modules if module.demux and self._bolted_to[module.index] in self.real
+        )
+        self._moving: set[int] = set()  # those of them that were stopped, and have not come to rest
         self._watched = {module: device for module, device in self._bolted_to.items() if isinstance(device, Watched)}
 
     def _open(self, name: str | None) -> Device | None:
@@ -222,6 +230,18 @@ class Devices:
         device = self._bolted_to[module]
         if device is not None:
             _make_safe(device, now_ns)
+        self._moving |= self.slow_to_rest & {module}
+
+    @property
+    def are_moving(self) -> bool:
+        """Tell whether the device of a stopped branch of a DEMUX has not come to rest."""
+        return bool(self._moving)
+
+    def at_rest(self) -> list[int]:
+        """Return the modules whose devices have taken the safe action since the last call."""
+        found = [m for m in self._moving if isinstance(device := self._bolted_to[m], RealDevice) and not device.owes]
+        self._moving.difference_update(found)
+        return found
 
     def make_all_safe(self, now_ns: int) -> None:
         """Take the safe action of every device, because no module runs any more."""

@@ -29,6 +29,7 @@ from contextlib import suppress
 from heronry_agent.core.step_times import HUNG_NS, NS_MHZ, hung_ns
 from heronry_agent.core.vocabulary import (
     Action,
+    AtRest,
     Drive,
     EndPartition,
     Heard,
@@ -68,7 +69,7 @@ from heronry_wire.sansio import NEVER_NS
 
 WARM_UP_NS = 1_000_000_000
 LOADING_NS = 20_000_000_000
-_REAP_NS = 2_000_000
+_SOON_NS = 2_000_000
 
 
 class PartitionHost:
@@ -115,7 +116,7 @@ class PartitionHost:
             due_ns = min(due_ns, device.next_deadline_ns())
             if device.log is not None and now_ns >= device.log.look_ns:
                 watched.append(device.log)
-        return watched, min(due_ns, now_ns + _REAP_NS) if self._ending else due_ns
+        return watched, min(due_ns, now_ns + _SOON_NS) if self._ending or self._devices.are_moving else due_ns
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
         """Execute an action of the core on a module or a device.
@@ -179,6 +180,8 @@ class PartitionHost:
                 device.log.read(now_ns)
         if self._ending:
             events += self._reap()
+        if self._devices.are_moving:
+            events += [AtRest(module) for module in self._devices.at_rest()]
         if now_ns >= self._warm_ns and not self._load_by_ns:
             self._warm_up(now_ns)
         return events
@@ -201,7 +204,7 @@ class PartitionHost:
         self._devices.close()
         while self._ending:
             self._reap()
-            time.sleep(_REAP_NS / 1e9)
+            time.sleep(_SOON_NS / 1e9)
 
     # Actions of the core
 

@@ -10,6 +10,7 @@ that drives is paused or killed, or both are paused. Each write is told with its
     driver killed      it is told; the first write of its successor is the safe value
     driver paused      it is told if the pause is long; if it was ended, the first write of its successor is safe
     both paused        the driver goes on first: its first write is the safe value
+    sluggish, retired  each write of the branch that drives takes 200 ms, and the operator retires its module
     always             a branch gets a command only after the safe value of the other one, also where they hand over
                        in order; but a driver that is paused or killed makes nothing safe
 """
@@ -26,15 +27,16 @@ from math import inf
 from random import Random
 from typing import Any
 
+from heronry_manager.core.vocabulary import RestoreElement, RetireElement
 from heronry_wire.protocol_times import LEASE_PERIODS
 from lab.driver_campaigns.flown import HEARTBEAT_MS, Flown, flown
-from lab.driver_campaigns.hardware import Written, register_of, writes_of
+from lab.driver_campaigns.hardware import SLUGGISH, Written, register_of, writes_of
 
 SAFE = "7"
 _NS = 1_000_000_000
 _LEASE_NS = LEASE_PERIODS * HEARTBEAT_MS * 1_000_000
 _STOPS_NS = 30_000_000  # from the look at the clock to the effect of a signal, on a busy computer
-WAYS = ("agent paused", "agent killed", "driver paused", "driver killed", "both paused")
+WAYS = ("agent paused", "agent killed", "driver paused", "driver killed", "both paused", "sluggish and retired")
 _PE = {"servo_a": "tail_a", "servo_b": "tail_b"}
 CODE = """
 from heronry_agent.module import Module
@@ -133,6 +135,10 @@ class Ends:
                 flight.look(0.2)
                 if "hangs, and is ended" in flight.log(pe)[said:]:
                     self._expect_successor(servo, way, known)
+            case "sluggish and retired":
+                (flight.device(servo) / "order").write_text(SLUGGISH)
+                self._hand_over(servo, way)
+                (flight.device(servo) / "order").unlink()
             case _:
                 os.kill(agent, signal.SIGSTOP)
                 self._stop(driver)
@@ -145,6 +151,18 @@ class Ends:
                 if late and late[0].value != SAFE:
                     self.failures.append(f"{way}: {late[0]} was the first write after the pause")
         self._expect_one_branch(way)
+
+    def _hand_over(self, servo: str, way: str) -> None:
+        flight, module, (other,) = self._flight, f"module:mover_{servo[-1]}", _PE.keys() - {servo}
+        known = len(writes_of(flight.device(other)))
+
+        def has_moved() -> bool:
+            return any(one.value != SAFE for one in writes_of(flight.device(other))[known:])
+
+        flight.fleet.order(RetireElement(module), module)
+        if not flight.until(f"{way}: {other} drives", has_moved):
+            self.failures.append(f"{way}: {other} does not drive")
+        flight.fleet.order(RestoreElement(module), module)
 
     def _stop(self, driver: int) -> None:
         self._stopped[driver] = inf

@@ -13,6 +13,7 @@ from heronry_agent.drivers.sysfs_number import SysfsOutput
 
 _FOLDER = Option("Folder with the files that stand for the hardware.", str)
 FLOODS_S, SLOW_S = 0.3, 0.2
+SLUGGISH = "sluggish"  # an order that stays: every transfer takes SLOW_S
 
 
 class Written(NamedTuple):
@@ -94,6 +95,8 @@ def _strike(folder: Path) -> object:
         file.unlink()
         _ONCE[order]()
         return ""
+    if order == SLUGGISH:
+        time.sleep(SLOW_S)
     return _INSTEAD.get(order, "")
 
 

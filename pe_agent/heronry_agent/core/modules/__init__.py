@@ -8,6 +8,7 @@ it gives may leave this PE, whether it has failed, and whether it starts again.
       mailboxes            the last datum of each source, and whether it is fresh
       publishing           which frames carry an output; `echo_pace`: how often it is echoed
       failure_texts        why a module failed, in its own words, for people
+      rests                which stopped branches have not come to rest
       notices              misspelt names, told once a second
     silence_watch        which inputs and outputs are silent
     phase_requests       which mission phase is requested, by a module or by a rule of the spec

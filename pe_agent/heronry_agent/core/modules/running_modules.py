@@ -41,6 +41,7 @@ from heronry_agent.core.modules.notices import Notices
 from heronry_agent.core.modules.phase_requests import PhaseRequests
 from heronry_agent.core.modules.priority_requests import PriorityRequests
 from heronry_agent.core.modules.publishing import Publisher
+from heronry_agent.core.modules.rests import Rests
 from heronry_agent.core.modules.schedule import Schedule
 from heronry_agent.core.modules.silence_watch import SilenceWatch
 from heronry_agent.core.reports import Faults, SilenceReports
@@ -105,6 +106,7 @@ class RunningModules:
         self.mailboxes = Mailboxes(index)
         self.schedule = Schedule()
         self.restarts = Restarts()
+        self.rests = Rests(turn, index)
         self.failures = FailureTexts()
         period_ns = index.table.ports[index.uplink].heartbeat_ns
         self.faults = Faults(index.node, period_ns, index.critical)
@@ -123,6 +125,7 @@ class RunningModules:
         for module in moves.stop:
             self._stop(module, keep=module in moves.keep)
         for module in moves.drop:
+            self.rests.stopped(module)
             self._turn.do(StopModule(module))
         if wanted is not None:
             self._wire(wanted, rewire=moves.rewire)
@@ -143,13 +146,14 @@ class RunningModules:
     @property
     def next_ns(self) -> int:
         """Time in ns at which to call `tick`, if no event comes before."""
-        return min(self.schedule.next_ns, self.restarts.next_ns)
+        return min(self.schedule.next_ns, self.restarts.next_ns, self.rests.next_ns)
 
     def tick(self) -> None:
         """Restart the modules whose restart is due, and request a measurement of each step that takes too long."""
         for module in self.restarts.due(self._turn.now_ns):
             self._begin(module)
         self._turn.do(*(MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)))
+        self.rests.tick()
 
     def release(self) -> None:
         """Begin the step of every module that is due."""
@@ -158,7 +162,7 @@ class RunningModules:
             until_ns = now_ns + self._index.lease_ns
             if self._running[module].entry.demux:
                 until_ns = self._output_authorization.until_ns(now_ns)
-                if now_ns > until_ns:
+                if now_ns > until_ns or self.rests.hold_back(module):
                     self._turn.count("step held", module)
                     self._held_ns = now_ns
                     self.silences.held(module, now_ns)
@@ -348,6 +352,7 @@ class RunningModules:
         self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)
         self.phase_requests.started(module, mode)
         self.silences.began(module, self._turn.now_ns)
+        self.rests.began(module)
         self._turn.do(StartModule(module, entry, mode))
 
     def _stop(self, module: int, *, keep: bool = False) -> None:
@@ -362,6 +367,7 @@ class RunningModules:
         self.silences.began(module, self._turn.now_ns)
         self.phase_requests.stopped(module)
         self._priority_requests.stopped(module)
+        self.rests.stopped(module, keep=keep)
         self._turn.do(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:

@@ -41,6 +41,9 @@ the kernel when the time ends can still come after it; and if a signal stops the
 that write comes when the process goes on, with the safe action right behind it. When a process starts, its first act is
 the safe action. If the agent ends, its processes take the safe action immediately, and end.
 
+When a module stops, the agent orders the safe action, and tells the core of the agent when the process of a branch has
+taken it (`core/modules/rests`).
+
 *Signals.* A process ignores SIGINT, since Ctrl-C is for the agent. SIGTERM and the death of the agent
 (PR_SET_PDEATHSIG) end it after the safe action; a sensor's process is killed. Only an open device can be made safe: so
 an actuator's process is born with SIGTERM blocked, opens its device whatever comes (within 20 s, after which SIGALRM
