@@ -11,7 +11,7 @@ from axe_playwright_python.sync_playwright import Axe
 from heronry_dg.loader import load
 from heronry_dg.plan import configuration_of
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.core.intake.retirement import parts_of
+from heronry_manager.core.intake import parts_of
 from heronry_manager.events import (
     EpochPrepared,
     FaultCleared,

@@ -20,7 +20,7 @@ from typing import Final
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import elements
-from heronry_manager.core.intake.retirement import connected_by, parts_of
+from heronry_manager.core.intake import connected_by, parts_of
 from heronry_manager.core.situation import HELD_CODE, OPERATOR_CODE
 from heronry_tools.watch.snapshot import Snapshot
 

@@ -19,7 +19,16 @@ from heronry_manager.core.intake.inbound import Inbound
 from heronry_manager.core.intake.operator_orders import OperatorOrders, module_problem
 from heronry_manager.core.intake.pe_reports import PeReports
 from heronry_manager.core.intake.reactions import Reactions
-from heronry_manager.core.intake.retirement import parts_of
+from heronry_manager.core.intake.retirement import connected_by, parts_of
 from heronry_manager.core.intake.succession import Succession
 
-__all__ = ["Inbound", "OperatorOrders", "PeReports", "Reactions", "Succession", "module_problem", "parts_of"]
+__all__ = [
+    "Inbound",
+    "OperatorOrders",
+    "PeReports",
+    "Reactions",
+    "Succession",
+    "connected_by",
+    "module_problem",
+    "parts_of",
+]
