@@ -85,7 +85,7 @@ def test_it_finds_a_pe_that_gives_a_new_producer_no_time_to_load(monkeypatch: py
 
     def flown() -> tuple[set[str], list[int]]:
         begun: list[Simulation] = []
-        faults = tuple(read_fault(FAIL_OVER, one) for one in ("0.2 silent module:low_quality_altitude", DEATH))
+        faults = tuple(read_fault(FAIL_OVER, one) for one in ("0.2 silent module:chute_logic", DEATH))
         outcome = play(FAIL_OVER, Scenario(39, 7.0, faults), lambda simulation, _: begun.append(simulation))
         return rules(outcome), [one.t_ns // 10**9 for one in begun[0].events_of(InputSilent)]
 

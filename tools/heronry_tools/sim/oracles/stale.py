@@ -5,8 +5,8 @@ or an output of its mode. The PE runs the epoch for at least the limit: five per
 
 - For an input that is sent on a bus of the PE: within the limit (periods of the producer's slowest mode), the
   producer's node has sent no frame with it. The producer's PE was heard meanwhile, with the same epoch: a PE that is
-  not heard at all is the manager's concern. If no datum ever came, the limit is longer by START_UP_WINDOW_NS: the
-  producer may still load its code.
+  not heard at all is the manager's concern. If the producer's PE never sent such a datum, the limit is longer by
+  START_UP_WINDOW_NS: the producer may still load its code.
 - For an output: for as long as the limit, each step of the module has left the output out, although it had a datum of
   each variable that its mode names.
 - For an input that no bus carries, the same as for the output of its producer. This is not verified if other faults
@@ -240,25 +240,14 @@ class StaleCheck(Oracle):
         """
         epoch = self._epochs[pe]
         late_ns = sent.end_ns - self._limit_ns(pe, self._slowest_ns(wire.producer, wire.variable)) + _SLACK_NS
-        since_ns = late_ns - (START_UP_WINDOW_NS if self._never_came(sent.end_ns, pe, leaf, wire, origin) else 0)
+        never_came = origin != pe and not self._times(pe, wire, origin)
+        since_ns = late_ns - START_UP_WINDOW_NS if never_came else late_ns
         story = f"{pe} reports that {wire.producer} is silent"
         if epoch.since_ns > since_ns and not self._was_wired(pe, leaf, wire, origin, since_ns):
             self._wrong(sent, f"{story}, but it runs this epoch only since {epoch.since_ns / 1e9:.3f} s")
         last = self._states.last.get((self._uplink[pe].name, state_id(self._node_of[origin])))
         if origin != pe and last is not None and (last.page.epoch != epoch.number or last.t_ns < late_ns):
             self._wrong(sent, f"{story}, but {origin} itself is silent, or runs another epoch")
-
-    def _never_came(self, t_ns: int, pe: str, leaf: tuple[str, str], wire: Wire, origin: str) -> bool:
-        """Tell whether certainly no datum has come through a wire, since it is there.
-
-        Within a PE: the first step of the producer in this epoch gave none, and the epoch before had another wire.
-        """
-        if origin != pe:
-            return not self._times(pe, wire, origin)
-        run, since_ns = self._left_out.get((pe, wire.producer, wire.variable)), self._epochs[pe].since_ns
-        first_ns = self._missed_ns(10**12 // self._slowest_ns(wire.producer, wire.variable))
-        is_new = run is not None and abs(run.first_ns - since_ns) <= first_ns
-        return is_new and not self._was_wired(pe, leaf, wire, origin, t_ns)
 
     def _was_wired(self, pe: str, leaf: tuple[str, str], wire: Wire, origin: str, since_ns: int) -> bool:
         """Tell whether the epoch before wired a leaf in the same way, and began before `since_ns`."""
