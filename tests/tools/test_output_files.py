@@ -14,7 +14,12 @@ import pytest
 
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell import cli as agent
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.events import PeAnswered
+from heronry_manager.planner.client import PlannerClient, PlannerError
+from heronry_manager.shell.control_place import ControlError
+from heronry_manager.shell.control_socket import ControlSocket
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.whole_file import write_whole
@@ -147,3 +152,44 @@ def test_an_agent_does_not_end_because_its_notes_cannot_be_written(monkeypatch: 
             agent._print_note(Note("step", "epoch 1 at GO_ALL"))
     with pytest.raises(OSError, match="No space"):
         full.close()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "check elevator_and_chute -o out",
+        "table elevator_and_chute tail_pe --contingencies none -o out",
+        "dbc elevator_and_chute -o out",
+        "rules -o out",
+        "key out",
+        "new out",
+    ],
+)
+def test_where_no_file_can_grow_a_command_ends_in_one_sentence(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with room_for(0):
+        assert main(command.split()) == 2
+    sentence = capsys.readouterr().err
+    assert "File too large" in sentence
+    assert sentence.count("\n") == 1
+    assert not any(file.stat().st_size for file in tmp_path.rglob("*") if file.is_file())
+
+
+def test_a_sentence_that_cannot_be_written_leaves_the_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    full = FULL.open("w", buffering=1)
+    with monkeypatch.context() as patch:
+        patch.setattr("sys.stderr", full)
+        assert main(["plan", "no_such_spec"]) == 2
+    with pytest.raises(OSError, match="No space"):
+        full.close()
+
+
+def test_where_no_file_can_grow_a_manager_gets_its_socket_and_no_planner(tmp_path: Path) -> None:
+    file = shipped_spec_path("elevator_and_chute")
+    with room_for(0), ControlSocket(tmp_path / "socket"):
+        with pytest.raises(ControlError, match="process unknown"):
+            ControlSocket(tmp_path / "socket")
+        with pytest.raises(PlannerError, match="cannot be given the spec: File too large"):
+            PlannerClient(load(file), file)

@@ -73,7 +73,9 @@ class PlannerClient:
     """The planner of one spec in a process of its own, which is started with the client and then loads the solver."""
 
     def __init__(self, spec: Spec, file: Path, *, niceness: int = 0) -> None:
-        """Start the process; raises PlannerError if `file` has another meaning now than when `spec` was loaded.
+        """Start the process.
+
+        Raises PlannerError if `file` has another meaning now than when `spec` was loaded, or there is no room for it.
 
         niceness: 0..19, as in nice(2): a higher value gives the process less time on a busy computer.
         """
@@ -253,10 +255,15 @@ def _in_memory(data: bytes) -> BinaryIO:
     """Make a file that child processes inherit and can open by /dev/fd.
 
     The file is in memory, because not every file system lets a process open a deleted file again.
+
+    Raises PlannerError if the limit on the size of files leaves no room for it.
     """
-    file = os.fdopen(os.memfd_create("heronry-spec"), "w+b")
-    file.write(data)
-    file.flush()
+    file = os.fdopen(os.memfd_create("heronry-spec"), "w+b", buffering=0)
+    try:
+        file.write(data)
+    except OSError as error:
+        file.close()
+        raise PlannerError(f"the planner cannot be given the spec: {error.strerror}; see 'ulimit -f'") from None
     return file
 
 

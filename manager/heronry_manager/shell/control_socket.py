@@ -236,23 +236,23 @@ class ControlSocket:
             self._awaiting_answer = {number: one for number, one in self._awaiting_answer.items() if one is not caller}
 
 
-def _locked(file: Path) -> IO[str]:
+def _locked(file: Path) -> IO[bytes]:
     """Lock a file until it is closed; raises ControlError if it cannot be opened, or another process holds the lock."""
     try:
-        lock = file.open("a+")
+        lock = file.open("a+b", buffering=0)
     except OSError as error:
         raise ControlError(f"{file}: {error.strerror}; name another socket with --socket") from error
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         lock.seek(0)
-        owner = lock.read(20).strip() or "unknown"
+        owner = lock.read(20).decode("ascii", "replace").strip() or "unknown"
         lock.close()
         where = file.with_suffix("")
         raise ControlError(
             f"a manager (process {owner}) listens on {where} already: stop it, or name another socket with --socket"
         ) from None
-    lock.truncate(0)
-    lock.write(f"{os.getpid()}\n")
-    lock.flush()
+    with contextlib.suppress(OSError):  # a full disk stops no manager; only the number of the process is not told then
+        lock.truncate(0)
+        lock.write(b"%d\n" % os.getpid())
     return lock

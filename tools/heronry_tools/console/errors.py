@@ -3,6 +3,7 @@
 import errno
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from io import StringIO
 from typing import Final
 
@@ -62,7 +63,8 @@ def exit_code(program: Callable[[], int | None], name: str, command: str | None 
         if known is None:
             raise
         _drop_output()
-        print(f"{name}: {known}", file=sys.stderr)
+        with suppress(OSError):  # standard error may be a file on the same full disk
+            print(f"{name}: {known}", file=sys.stderr)
         return 2
     return code
 
