@@ -23,6 +23,7 @@ from collections.abc import Iterator, Sequence
 from heronry_tools.command_table import COMMANDS, GROUPS, add_parsers, run_of
 from heronry_tools.console.errors import UserError, exit_code
 from heronry_tools.console.output import run_into_its_file, settled
+from heronry_tools.console.progress import wish
 from heronry_wire.command_parser import CommandParser, program_version
 from heronry_wire.spelling import close, meant
 
@@ -71,6 +72,7 @@ def _command(name: str, argv: Sequence[str]) -> int:
     subparsers = parser.add_subparsers()
     add_parsers(COMMANDS[name], subparsers)
     arguments = settled(parser.parse_args(argv, argparse.Namespace(argv=tuple(argv))))
+    wish(is_told=not getattr(arguments, "json", False))
     return run_into_its_file(run_of(COMMANDS[name], arguments), arguments)
 
 

@@ -5,7 +5,6 @@ Exit codes: 0 every class of faults has a bound; 1 some class has none; 2 the in
 
 import argparse
 import json
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -17,6 +16,7 @@ from heronry_dg.situation import Situation, situation
 from heronry_manager.bounds.fault_cases import count_plans, fault_cases
 from heronry_manager.bounds.reconfiguration_bound import Bound, Bounds, Case
 from heronry_manager.planner.exact import plan
+from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.console.text_tables import Bad, Cell, Table, print_tables
 
@@ -43,7 +43,6 @@ def _planned(spec: Spec, phase: str | None) -> tuple[list[Case], int]:
     """
     longest_ns = made = 0
     most = count_plans(spec)
-    shows = sys.stderr.isatty()
 
     def timed(now: Situation, running: Placement | None) -> Configuration:
         nonlocal longest_ns, made
@@ -52,13 +51,12 @@ def _planned(spec: Spec, phase: str | None) -> tuple[list[Case], int]:
         if made:  # the first one warms up
             longest_ns = max(longest_ns, time.perf_counter_ns() - begun_ns)
         made += 1
-        if shows:
-            print(f"\r{made} of at most {most} plans are made", end="", file=sys.stderr, flush=True)
+        progress.step()
         return found
 
-    cases = list(fault_cases(spec, phase, timed))
-    if shows:
-        print("\r\033[K", end="", file=sys.stderr)
+    with Progress() as progress:
+        progress.begin("plans, at most", most)
+        cases = list(fault_cases(spec, phase, timed))
     return cases, longest_ns
 
 

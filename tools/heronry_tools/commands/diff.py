@@ -12,6 +12,7 @@ from heronry_tools.analysis.diff.findings import findings_change
 from heronry_tools.analysis.diff.picture import mermaid_difference
 from heronry_tools.analysis.diff.report import json_report, text_report
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import spec_text
 
 
@@ -19,14 +20,20 @@ def run(arguments: argparse.Namespace) -> int:
     """Compare and report; returns the exit code."""
     if arguments.old == arguments.new == "-":
         raise UserError("only one of OLD and NEW can be standard input; name a file for the other")
+    with Working(f"comparing {arguments.old} with {arguments.new}"):
+        differ, report = _compared(arguments)
+    sys.stdout.write(report)
+    return int(differ and arguments.exit_code)
+
+
+def _compared(arguments: argparse.Namespace) -> tuple[bool, str]:
+    """Tell whether the specs differ; gives also the report."""
     texts = spec_text(arguments.old), spec_text(arguments.new)
     old, new = texts[0].load(), texts[1].load()
     differ = bool(element_changes(old, new)) or old.digest != new.digest
     if arguments.format == "mermaid":
-        sys.stdout.write(mermaid_difference(old, new))
-    else:
-        findings = findings_change(texts[0].name, texts[0].data, texts[1].name, texts[1].data)
-        differ = differ or bool(findings.new.findings or findings.old.findings)
-        report = json_report if arguments.json else text_report
-        sys.stdout.write(report(difference(old, new, findings)))
-    return int(differ and arguments.exit_code)
+        return differ, mermaid_difference(old, new)
+    findings = findings_change(texts[0].name, texts[0].data, texts[1].name, texts[1].data)
+    differ = differ or bool(findings.new.findings or findings.old.findings)
+    report = json_report if arguments.json else text_report
+    return differ, report(difference(old, new, findings))

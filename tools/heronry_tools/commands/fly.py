@@ -13,7 +13,7 @@ from heronry_dg.model import Spec
 from heronry_tools.command_lines.fly import NEVER
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import expect_ending
-from heronry_tools.console.progress import show_line
+from heronry_tools.console.progress import Working, show_line
 from heronry_tools.console.spec_files import load_spec_file, spec_path
 from heronry_tools.console.whole_file import expect_writable, write_whole
 from heronry_tools.fly import glider_mission, mission
@@ -52,19 +52,30 @@ def run(arguments: argparse.Namespace) -> int:
     missions = _missions(spec, name, arguments)
     if arguments.record is not None and arguments.runs > 1:
         raise UserError("--record writes the record of one flight; leave --runs out")
-    landings = []
-    for landing in _flown(spec, kind, missions, arguments):
-        show_line("")
+    landings: list[Any] = []
+    flown = _flown(spec, kind, missions, arguments)
+    if len(missions) == 1:  # its seconds are not known: it ends on the ground
+        with Working(f"flying {spec.name}"):
+            flown = iter(list(flown))
+    _tell(arguments, len(landings))
+    for landing in flown:
+        _tell(arguments, None)
         landings.append(landing)
         print(json.dumps(landing.document()) if arguments.json else kind.line(landing), flush=True)
-        if len(landings) < arguments.runs:
-            show_line(f"{len(landings)} of {arguments.runs} flights")
+        _tell(arguments, len(landings))
+    _tell(arguments, None)
     if arguments.json or len(landings) > 1 or arguments.latency:
         found = kind.summary(landings)
         print(json.dumps(found) if arguments.json else kind.figures(found))
     if arguments.report is not None and len(landings) > 1:
         _write_dispersion(arguments.report, f"{spec.name}: {len(landings)} flights", map(kind.dispersed, landings))
     return 1 if any(landing.violations for landing in landings) else 0
+
+
+def _tell(arguments: argparse.Namespace, done: int | None) -> None:
+    """Show on a terminal how many of many flights are flown; None: show nothing."""
+    if arguments.runs > 1:
+        show_line("" if done is None else f"{done} of {arguments.runs} flights")
 
 
 def _run_live(arguments: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from heronry_tools.analysis.reliability.open_psa.spec_text import spec_text
 from heronry_tools.analysis.reliability.open_psa.writing import fault_tree
 from heronry_tools.analysis.reliability.spec_hazards import hazards, mission_hours
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec, named_function
 
 
@@ -27,8 +28,10 @@ def run_export(arguments: argparse.Namespace) -> int:
         raise UserError(f"--mission {hours:g}: write the hours of the mission, a number above 0")
     kinds = kinds_of(arguments.kinds)
     may_fail = [one for one in elements(spec) if one.partition(":")[0] in kinds]
-    found = failure(spec.in_phase(phase), function, may_fail)
-    sys.stdout.write(fault_tree(function, found.formula, found.root, hazards(spec).among(may_fail), hours))
+    with Working(f"the fault tree of {function}"):
+        found = failure(spec.in_phase(phase), function, may_fail)
+        text = fault_tree(function, found.formula, found.root, hazards(spec).among(may_fail), hours)
+    sys.stdout.write(text)
     return 0
 
 

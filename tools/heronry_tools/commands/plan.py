@@ -18,6 +18,7 @@ from heronry_dg.verify_transition import verify_transition
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.plan_argument import errors_name, evaluated_in, read_text, situation_of
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.reports.plan import print_plan
 from heronry_wire.sansio import require
@@ -25,16 +26,17 @@ from heronry_wire.sansio import require
 
 def run_plan(arguments: argparse.Namespace) -> int:
     """Make a plan, and print it as text or as JSON; returns the exit code."""
-    spec = load_spec(arguments.spec)
-    now = situation_of(spec, arguments)
-    text = read_text(arguments.running) if arguments.running else None
-    with errors_name(arguments.running):
-        running = read_running(text, spec) if text is not None else None
-    if arguments.planner == "greedy":
-        found = _greedy(spec, now, running)
-    else:
-        found = _best(spec, now, running, arguments.effort)
-    way = _way(spec, text, found, now) if text is not None else None
+    with Working(f"planning {arguments.spec}"):
+        spec = load_spec(arguments.spec)
+        now = situation_of(spec, arguments)
+        text = read_text(arguments.running) if arguments.running else None
+        with errors_name(arguments.running):
+            running = read_running(text, spec) if text is not None else None
+        if arguments.planner == "greedy":
+            found = _greedy(spec, now, running)
+        else:
+            found = _best(spec, now, running, arguments.effort)
+        way = _way(spec, text, found, now) if text is not None else None
     if not arguments.json:
         print_plan(spec, found, arguments.planner, way)
     elif way is None:
@@ -80,11 +82,12 @@ def _as_known(spec: Spec, text: str) -> Configuration | Placement:
 
 def run_verify(arguments: argparse.Namespace) -> int:
     """Verify a plan; returns 0 if the plan is legal, and 1 if it is not."""
-    spec = load_spec(arguments.spec)
-    text = read_text(arguments.plan)
-    with errors_name(arguments.plan):
-        now, configuration = evaluated_in(spec, text, arguments), read_configuration(text)
-    violations = verify(spec, now, configuration)
+    with Working(f"verifying {arguments.plan}"):
+        spec = load_spec(arguments.spec)
+        text = read_text(arguments.plan)
+        with errors_name(arguments.plan):
+            now, configuration = evaluated_in(spec, text, arguments), read_configuration(text)
+        violations = verify(spec, now, configuration)
     if arguments.json:
         broken = [{"rule": one.rule, "where": one.where, "sentence": one.sentence} for one in violations]
         print(json.dumps({"legal": not violations, "violations": broken}, indent=2, ensure_ascii=False))

@@ -10,6 +10,7 @@ from heronry_dg.plan import read_plan
 from heronry_dg.situation import situation
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.plan_argument import errors_name, read_text
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.reports.render.build import build
 from heronry_tools.reports.render.graph import Graph
@@ -20,7 +21,9 @@ from heronry_tools.reports.render.text import dot, mermaid
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the graph; returns the exit code."""
-    sys.stdout.write({"svg": svg, "mermaid": mermaid, "dot": dot}[arguments.format](_graph(arguments)))
+    with Working(f"drawing {arguments.spec}"):
+        text = {"svg": svg, "mermaid": mermaid, "dot": dot}[arguments.format](_graph(arguments))
+    sys.stdout.write(text)
     return 0
 
 

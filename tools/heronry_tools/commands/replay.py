@@ -12,6 +12,7 @@ from heronry_dg.model import Spec
 from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.console.contingencies_argument import Ahead
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.recording.another_spec import of_another_spec
 from heronry_tools.recording.masterships import masterships, on_the_managers_bus, read_recording
@@ -52,10 +53,11 @@ def run(arguments: argparse.Namespace) -> int:
         if why is not None:
             raise UserError(f"{arguments.recording}: {why}")
     comparisons = []
-    for mastership in found:
-        rerun = Rerun(planners, mastership)
-        rerun.run()
-        comparisons.append(compared(mastership, rerun))
+    with Working(f"replaying {arguments.recording}"):
+        for mastership in found:
+            rerun = Rerun(planners, mastership)
+            rerun.run()
+            comparisons.append(compared(mastership, rerun))
     if arguments.json:
         print(json.dumps(_document(spec, no_frames, comparisons), indent=2))
     else:

@@ -12,15 +12,17 @@ from heronry_tools.analysis.why.assumptions import Assumption, capacity, in_word
 from heronry_tools.analysis.why.document import document
 from heronry_tools.analysis.why.reasons import Explanation, Repair, explain
 from heronry_tools.console.plan_argument import situation_of
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec, named_function
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Explain how a function is served, or why not; returns the exit code."""
-    spec = load_spec(arguments.spec)
-    function = named_function(spec, arguments.function)
-    now = situation_of(spec, arguments)
-    found = explain(spec, now, function)
+    with Working(f"explaining {arguments.function}"):
+        spec = load_spec(arguments.spec)
+        function = named_function(spec, arguments.function)
+        now = situation_of(spec, arguments)
+        found = explain(spec, now, function)
     sys.stdout.write((_json if arguments.json else _text)(spec, found))
     return 0
 

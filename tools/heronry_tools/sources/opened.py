@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_calls import manager_socket
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.sources.recordings import open_recording, tables_of
@@ -25,7 +26,8 @@ def opened_source(arguments: argparse.Namespace) -> Feed | Recording:
             "a manager (--of, --socket), a bus (-i, -c, --bus) and a recording (--log): name only one of them"
         )
 
-    return open_recording(arguments.log, arguments.spec, _key(arguments))
+    with Working(f"opening {arguments.log}"):
+        return open_recording(arguments.log, arguments.spec, _key(arguments))
 
 
 def opened_feed(arguments: argparse.Namespace) -> Feed:
