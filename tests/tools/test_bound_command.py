@@ -131,7 +131,7 @@ def test_on_a_terminal_progress_is_shown_and_wiped(
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     _, _, err = run(capsys, "elevator_and_chute")
-    assert "\r1 of at most" in err
+    assert "\r\033[Kplans, at most: 0 of " in err
     assert err.endswith("\r\033[K")
 
 
