@@ -24,6 +24,7 @@ examples:
   heronry exhaust my.dg.yaml --pairs 5000 --sample 0                          two at a time, drawn
   heronry exhaust my.dg.yaml --case 'crash pe:nav: 17 lost pe:tail, 20 crash manager'
   heronry exhaust my.dg.yaml --standby --keyed --foreseen 1 --sample 500      two managers, a key, plans on board
+  heronry exhaust my.dg.yaml --tables --standby --sample 200                  tables over the bus, and retirement
 """
 
 
@@ -51,6 +52,11 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--standby", action="store_true", help="fly with two managers")
     parser.add_argument("--keyed", action="store_true", help="give managers and PEs a key")
+    parser.add_argument(
+        "--tables",
+        action="store_true",
+        help="other stories: a node without a table takes the place of each PE, and each PE is retired and restored",
+    )
     parser.add_argument(
         "--foreseen",
         type=whole_number,

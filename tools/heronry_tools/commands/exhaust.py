@@ -67,7 +67,7 @@ def _counted(counts: dict[str, int]) -> str:
 
 
 def _setup(arguments: argparse.Namespace) -> Setup:
-    return Setup(arguments.foreseen, arguments.keyed, arguments.standby)
+    return Setup(arguments.foreseen, arguments.keyed, arguments.standby, arguments.tables)
 
 
 def _cases(spec: Spec, arguments: argparse.Namespace) -> list[Case]:
@@ -117,6 +117,6 @@ def _document(
 
 def _replay(arguments: argparse.Namespace, case: Case) -> str:
     words = ["heronry", "exhaust", shlex.quote(arguments.spec)]
-    words += [f"--{name}" for name in ("standby", "keyed") if getattr(arguments, name)]
+    words += [f"--{name}" for name in ("standby", "keyed", "tables") if getattr(arguments, name)]
     words += [] if arguments.foreseen is None else ["--foreseen", str(arguments.foreseen)]
     return " ".join([*words, "--case", shlex.quote(str(case))])

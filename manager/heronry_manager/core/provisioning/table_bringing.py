@@ -4,8 +4,8 @@
     differs   the PE sends state frames, runs nothing, and refuses a slice for its digest: it has another table. It is
               brought its own, from READ_NS later on, if its agent was started so that it takes one
     waits     the PE sends CANopen heartbeats that say INITIALISING or PRE-OPERATIONAL, is not available, and has sent
-              no state frame for QUIET_NS, nor for two of its heartbeat periods. So a PE that has failed and restarts
-              has certainly lost what it ran
+              no state frame for QUIET_NS, nor for two of its heartbeat periods, in which this manager was active. So a
+              PE that has failed and restarts has certainly lost what it ran
     brought   its table is on its way; one PE at a time. A PE that flies meanwhile ends this
     paused    the last transfer is over, or another SDO client has made a request to the PE. After each transfer the
               pause doubles, from SHORTEST_PAUSE_NS to LONGEST_PAUSE_NS, whether the PE has taken the table or not. Only
@@ -74,6 +74,7 @@ class TableBringing:
         self._pe_of_answer = {sdo_response_id(pe.node_id): pe.name for pe in here}
         self._pe_of_request = {sdo_request_id(pe.node_id): pe.name for pe in here}
         self._pace, self._beat_ns = Pace(spec, bus, deployment), bus.heartbeat_ns
+        self._active_since_ns = turn.now_ns  # what a PE sent before, this manager may not know
         self._pe: str | None = None  # to which a table is being brought
         self._transfer: BlockDownload | None = None  # None: it has not begun
         self._began_ns = 0  # when the table of `_pe` was first dealt with
@@ -129,7 +130,10 @@ class TableBringing:
 
     def end_of_step(self) -> None:
         """Forget every transfer if this manager is not active any more; to be called after each event."""
-        if not self._claim.is_active and (self._pe is not None or self._heard_ns):
+        if self._claim.is_active:
+            return
+        self._active_since_ns = self._turn.now_ns
+        if self._pe is not None or self._heard_ns:
             self._end()
             self._heard_ns.clear()
 
@@ -155,7 +159,7 @@ class TableBringing:
 
     def _flies(self, pe: str) -> bool:
         quiet_ns = max(QUIET_NS, 2 * self._health.period_ns(pe))
-        is_heard = self._turn.now_ns - self._health.spoke_last_ns(pe) < quiet_ns
+        is_heard = self._turn.now_ns - max(self._health.spoke_last_ns(pe), self._active_since_ns) < quiet_ns
         return self._health.is_available(pe) or (is_heard and pe not in self._differs)
 
     def _begin_next(self) -> None:

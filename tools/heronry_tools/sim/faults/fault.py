@@ -59,6 +59,8 @@ What is promised, what is not, and why:
   actuator that is idle because of the order may be reported as stuck.
 - `channel_loss` and `half_cut` take one channel of a replicated bus, from all nodes or from one PE. Everything is
   promised as long as every two nodes have a channel in common.
+- `blank`: the managers bring tables in such a flight. The node counts as down until it has taken its table, and then
+  as a PE that has returned.
 - `stuck`: a PE's modules hang while its heartbeat goes on, so its functions are not served. The PE ends the modules and
   starts them again, and gives them up if the fault lasts.
 """
@@ -143,6 +145,7 @@ KINDS: Mapping[str, Kind] = {
         "frames of a gateway are sent late and out of order (level: longest delay in ms)",
         levels=(30, 90),
     ),
+    "blank": Kind("pe", (200, 3000), "a PE dies, and a node without a table takes its place", drawn=False),
     "inspect": Kind(
         "pe", (5000, 30000), "a diagnostic client reads and writes objects of a PE, and makes mistakes", drawn=False
     ),

@@ -11,6 +11,10 @@ A *story* is one event that makes the aircraft reconfigure. There is a story for
 - each phase that the operator or a module requests
 - with two managers: the death of the active manager
 
+With `tables` the stories are others: a node without a table takes the place of each PE (`blank`), and each PE is
+retired and restored by the operator. Then the frames of SDO and the heartbeats of CANopen are numbered, too, and there
+is one more frame fault, `cut`.
+
 Each story is flown once without a further fault. In this flight the management frames (commands, states and EMCY) are
 numbered, beginning with 0. The first one comes after the story begins, the last one before the last reconfiguration of
 the story is complete. Then the story is flown again for every *frame fault*:
@@ -21,6 +25,7 @@ the story is complete. Then the story is flown again for every *frame fault*:
                         frames that were sent later
     N crash VICTIM      a node dies when frame N has been received, and is started again
     N death VICTIM      a node dies when frame N has been received (a PE, or the first of two managers)
+    N cut VICTIM        with `tables`: a PE is cut off from the bus for 300 ms when frame N has been received
 
 Whatever happens to one message, no oracle may report a violation, and the flight must end in the best configuration.
 There are too many pairs of frame faults to fly them all, so some pairs are drawn at random.
@@ -37,6 +42,7 @@ from dataclasses import dataclass
 from random import Random
 
 from heronry_dg.model import Spec
+from heronry_manager.core.vocabulary import RestoreElement, RetireElement
 from heronry_manager.events import Adopted, PlanUnchanged, Reconfigured
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import EVERYTHING, MANAGER, MANAGERS, Fault, possible_targets
@@ -53,17 +59,20 @@ from heronry_wire.identifiers import FIRST_MANAGER, Use, classify
 from heronry_wire.sansio import Received
 
 ALL_NODES = "everybody"
-KINDS = ("lost", "doubled", "late-2", "late-30", "crash", "death")
+KINDS = ("lost", "doubled", "late-2", "late-30", "crash", "death", "cut")
 
 _SEATS = ("primary", "standby")
 _TAKEOVER = "takeover"
 _COUNTED = frozenset((Use.MANAGEMENT, Use.STATE, Use.EMCY))
+_OF_TABLES = frozenset((Use.SDO_REQUEST, Use.SDO_RESPONSE, Use.HEARTBEAT))
+_BROUGHT_NS = 4_000 * MS  # a table is brought, and its PE joins
+_CUT_NS = 300 * MS
 _MANAGER_BACK_NS = 100 * MS
 _PE_BACK_NS = 300 * MS
 _AWAY_MS = 1_500  # from the loss of a PE to its return
-_REBOOT_MS = 3
+_LASTS_MS = {"reboot": 3, "blank": _AWAY_MS}
 _RAISES_MS = 1_400  # long enough for the PE to give the module up
-_BY_THEIR_END = ("return", "clear")
+_BY_THEIR_END = ("return", "clear", "blank")
 _DEATHS = ("crash", "death")
 _STARTED_NS = 10_000 * MS
 _ADMITTED_NS = 60 * MS  # three heartbeat periods
@@ -81,15 +90,23 @@ class Setup:
         made
     keyed: whether managers and PEs have a key
     standby: whether there are two managers
+    tables: whether the managers bring tables; then the stories are those of tables and retirement
     """
 
     foreseen: int | None = None
     keyed: bool = False
     standby: bool = False
+    tables: bool = False
 
     def take_off(self, spec: Spec) -> Simulation:
         """Return a new simulation of a spec in which every node is switched on."""
-        return Simulation(spec, contingencies=self.foreseen, key=KEY if self.keyed else None, standby=self.standby)
+        key = KEY if self.keyed else None
+        return Simulation(spec, contingencies=self.foreseen, key=key, standby=self.standby, brings_tables=self.tables)
+
+    @property
+    def counted(self) -> frozenset[Use]:
+        """The uses of identifiers whose frames are numbered."""
+        return _COUNTED | _OF_TABLES if self.tables else _COUNTED
 
     def nodes(self, spec: Spec) -> list[str]:
         """Return the nodes into which a frame fault can be injected."""
@@ -130,6 +147,8 @@ class Case:
 def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
     """Return the text of every story: of every event that can make this aircraft reconfigure."""
     pes, modules = possible_targets(spec, "crash"), possible_targets(spec, "raise")
+    if setup.tables:
+        return [f"{what} {pe}" for what in ("blank", "retire", "restore") for pe in pes]
     devices = [f"device:{device}" for device in spec.devices]
     there = {
         **dict.fromkeys(("crash", "return", "reboot"), pes),
@@ -146,7 +165,8 @@ def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
 
 def single_cases(spec: Spec, story: str, setup: Setup = PLAIN) -> list[Case]:
     """Return a case for every frame fault in every frame of a story; none if the story causes no reconfiguration."""
-    return [Case(story, (fault,), setup) for fault in _frame_faults(setup.nodes(spec), _senders(spec, story, setup))]
+    faults = _frame_faults(setup.nodes(spec), _senders(spec, story, setup), has_cuts=setup.tables)
+    return [Case(story, (fault,), setup) for fault in faults]
 
 
 def drawn_pairs(cases: list[Case], count: int, seed: int) -> Iterator[Case]:
@@ -179,7 +199,7 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
     simulation = case.setup.take_off(spec)
     try:
         injections = begin(simulation, case.story)
-        injector = _FrameFaultInjector(simulation, case.faults, injections.injected)
+        injector = _FrameFaultInjector(simulation, case, injections.injected)
         _fly(simulation)
         targets = [case.story.partition(" ")[2] or MANAGER]
         targets += [fault.victim if fault.kind in _DEATHS else ALL_NODES for fault in case.faults]
@@ -222,10 +242,11 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
     simulation = setup.take_off(spec)
     begin(simulation, story)
     seen: list[Sent] = []
-    _tap(simulation, seen.append)
+    _tap(simulation, setup, seen.append)
+    quiet_ns = _BROUGHT_NS if story.startswith("blank") else _QUIET_NS
     known = len(_done_ns(simulation))
     done_ns = simulation.now_ns
-    while simulation.now_ns - done_ns < _QUIET_NS or (story == "start" and not known):
+    while simulation.now_ns - done_ns < quiet_ns or (story == "start" and not known):
         simulation.run_for(10 * MS)
         done = _done_ns(simulation)
         if len(done) > known:
@@ -242,23 +263,24 @@ def _done_ns(simulation: Simulation) -> list[int]:
     return sorted([*admitted, *(event.t_ns for event in simulation.events_of(Reconfigured))])
 
 
-def _frame_faults(nodes: Sequence[str], senders: list[str]) -> Iterator[FrameFault]:
+def _frame_faults(nodes: Sequence[str], senders: list[str], *, has_cuts: bool) -> Iterator[FrameFault]:
     for number, sender in enumerate(senders):
         receivers = [ALL_NODES, *(node for node in nodes if node != sender)]
         yield from (FrameFault(number, kind, victim) for kind in KINDS[:4] for victim in receivers)
         yield from (FrameFault(number, "crash", victim) for victim in nodes)
         yield from (FrameFault(number, "death", victim) for victim in nodes if victim not in (MANAGER, _SEATS[1]))
+        yield from (FrameFault(number, "cut", victim) for victim in nodes if has_cuts and victim.startswith("pe:"))
 
 
 def _faults(story: str) -> tuple[Fault, ...]:
-    """Return the faults that cause the event of a story; none for a story that begins with "start" or "request".
+    """Return the faults that cause the event of a story; none for a story that begins without one.
 
     The event of a story that begins with "return" or "clear" is the end of the fault. Exception: for "clear"
     and a module, the event is the last of the faults, the order of the operator to clear everything.
     """
     what, _, target = story.partition(" ")
     match what:
-        case "start" | "request":
+        case "start" | "request" | "retire" | "restore":
             return ()
         case "return":
             return (Fault(0, "crash", target, _AWAY_MS),)
@@ -268,14 +290,12 @@ def _faults(story: str) -> tuple[Fault, ...]:
             return Fault(0, "raise", target, _RAISES_MS), Fault(_AWAY_MS, "order_clear", EVERYTHING)
         case "clear":
             return (Fault(0, "order_fail", target, _AWAY_MS),)
-        case "reboot":
-            return (Fault(0, what, target, _REBOOT_MS),)
         case "phase":
             return (Fault(0, "order_phase", f"phase:{target}"),)
         case "takeover":
             return (Fault(0, "manager_crash", MANAGER),)
         case _:
-            return (Fault(0, what, target),)
+            return (Fault(0, what, target, _LASTS_MS.get(what, 0)),)
 
 
 def begin(simulation: Simulation, story: str) -> Injections:
@@ -293,17 +313,32 @@ def begin(simulation: Simulation, story: str) -> Injections:
     what, _, target = story.partition(" ")
     if what in _BY_THEIR_END:
         simulation.run_for(_AWAY_MS * MS - 1)
+    elif what in ("retire", "restore"):
+        _retire(simulation, target, is_over=what == "restore")
     elif what == "request":
         running = (module for pe in simulation.spec.pes for module in simulation.checks.planned(pe))
         simulation.fleet.broken_modules[next(running, "")] = f"{ASKS}{target}"
     return injections
 
 
-def _tap(simulation: Simulation, what: Callable[[Sent], None]) -> None:
-    """Call `what` with every management frame on the managers' bus."""
+def _retire(simulation: Simulation, pe: str, *, is_over: bool) -> None:
+    """Let the operator retire a PE as soon as the simulation continues; or retire it now, and restore it then."""
+    order = RestoreElement(pe) if is_over else RetireElement(pe)
+    if is_over:
+        simulation.operator.say(RetireElement(pe))
+        simulation.run_for(_QUIET_NS)
+
+    def give() -> None:
+        simulation.operator.say(order)
+
+    simulation.at(simulation.now_ns, give)
+
+
+def _tap(simulation: Simulation, setup: Setup, what: Callable[[Sent], None]) -> None:
+    """Call `what` with every frame on the managers' bus that is numbered."""
 
     def tap(sent: Sent) -> None:
-        if classify(sent.frame.can_id).use in _COUNTED:
+        if classify(sent.frame.can_id).use in setup.counted:
             what(sent)
 
     simulation.wiring.buses[simulation.spec.manager.bus].taps.append(tap)
@@ -318,12 +353,13 @@ def _victim(sender: str, setup: Setup) -> str:
 class _FrameFaultInjector:
     """Counts the management frames of a flight, and injects each frame fault when the frame with its number comes."""
 
-    def __init__(self, simulation: Simulation, faults: tuple[FrameFault, ...], injected: list[Injected]) -> None:
-        """Begin to count frames, and inject `faults` from now on.
+    def __init__(self, simulation: Simulation, case: Case, injected: list[Injected]) -> None:
+        """Begin to count frames, and inject the faults of `case` from now on.
 
         injected: gets an entry when a fault is injected; the oracle `service` reads this list.
         """
-        self._simulation, self._frame_faults, self._injected = simulation, faults, injected
+        self._simulation, self._frame_faults, self._injected = simulation, case.faults, injected
+        self._counted = case.setup.counted
         self._count = -1
         self._done: set[FrameFault] = set()
         self._bus = simulation.wiring.buses[simulation.spec.manager.bus]
@@ -339,7 +375,7 @@ class _FrameFaultInjector:
 
         No node has received the frame yet. Returns how the bus must deliver the frame; None: as usual.
         """
-        if classify(sent.frame.can_id).use not in _COUNTED:
+        if classify(sent.frame.can_id).use not in self._counted:
             return None
         self._count += 1
         tampering = None
@@ -352,6 +388,9 @@ class _FrameFaultInjector:
         now_ns = self._simulation.now_ns
         if self._nodes(fault.victim) and (fault.kind in _DEATHS or self._station_name(fault.victim) != sent.sender):
             self._done.add(fault)
+        if fault.kind == "cut":
+            self._simulation.at(now_ns, lambda: self._cut(fault.victim))
+            return None
         if fault.kind not in _DEATHS:
             self._injected.append(Injected(None, now_ns, now_ns))
         if fault.kind in ("lost", "doubled"):
@@ -367,7 +406,8 @@ class _FrameFaultInjector:
 
     def _nodes(self, victim: str) -> list[Node]:
         managers = self._simulation.managers
-        nodes: dict[str, Node] = {f"pe:{pe}": node for pe, node in self._simulation.fleet.running.items()}
+        fleet = self._simulation.fleet
+        nodes: dict[str, Node] = {f"pe:{pe}": node for pe, node in (*fleet.running.items(), *fleet.blanks.items())}
         names = {FIRST_MANAGER: MANAGER} if not managers.are_two else {MANAGERS[one]: one for one in _SEATS}
         nodes |= {names[seat]: manager for seat, manager in managers.running.items()}
         return list(nodes.values()) if victim == ALL_NODES else [nodes[victim]] if victim in nodes else []
@@ -393,6 +433,13 @@ class _FrameFaultInjector:
 
                 station.listener = hold
 
+    def _cut(self, victim: str) -> None:
+        """Cut a PE off from its buses for a while."""
+        simulation, pe, now_ns = self._simulation, victim.removeprefix("pe:"), self._simulation.now_ns
+        simulation.fleet.cut(pe)
+        self._injected.append(Injected(victim, now_ns, now_ns + _CUT_NS))
+        simulation.at(now_ns + _CUT_NS, lambda: simulation.fleet.mend(pe))
+
     def _crash(self, fault: FrameFault) -> None:
         """Kill the victim of a fault, if it runs; if the kind of the fault is "crash", restart the victim later."""
         simulation, returns = self._simulation, fault.kind == "crash"
@@ -406,7 +453,7 @@ class _FrameFaultInjector:
                     simulation.at(back_ns, lambda: self._manager_back(seat))
             return
         pe, back_ns = fault.victim.removeprefix("pe:"), now_ns + _PE_BACK_NS
-        if pe in simulation.fleet.running:
+        if pe in simulation.fleet.running or pe in simulation.fleet.blanks:
             simulation.fleet.kill(pe)
             self._injected.append(Injected(fault.victim, now_ns, back_ns if returns else None))
             if returns:

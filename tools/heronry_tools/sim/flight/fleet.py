@@ -11,6 +11,7 @@ from heronry_tools.sim.flight.wiring import Wiring
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClocks
+from heronry_tools.sim.world.simulated_blank import SimulatedBlank
 from heronry_tools.sim.world.simulated_pe import SimulatedPe
 from heronry_wire.authentication import Key
 from heronry_wire.pe_table import PeTable
@@ -43,6 +44,7 @@ class Fleet:
         absent: PEs that only `arrive` starts
         """
         self.running: dict[str, SimulatedPe] = {}
+        self.blanks: dict[str, SimulatedBlank] = {}  # nodes that wait for their table, by the name of their PE
         self.broken_modules: dict[str, str] = {}  # by module or NAME@PE: how it fails, or which phase it requests
         self.tables = tables
         self._clock, self._clocks = clock, clocks
@@ -51,6 +53,7 @@ class Fleet:
         self._seed, self._key = seed, key
         self._absent = set(absent)
         self._stale: set[str] = set()  # PEs with the table of another spec
+        self._blank: set[str] = set()  # PEs that start without a table
         self._lacking: dict[str, set[str]] = {pe: set() for pe in tables}  # modules whose code is missing
         self._incarnations = dict.fromkeys(tables, 0)
         for pe in tables:
@@ -63,6 +66,9 @@ class Fleet:
 
     def kill(self, pe: str) -> None:
         """Let a PE die now; no effect on a dead PE."""
+        waiting = self.blanks.pop(pe, None)
+        if waiting is not None:
+            waiting.stop()
         dead = self.running.pop(pe, None)
         if dead is not None:
             dead.stop()
@@ -70,9 +76,33 @@ class Fleet:
 
     def restore(self, pe: str) -> None:
         """Start a PE as a new incarnation with a new clock; no effect on a PE that runs or is absent."""
-        if pe in self.running or pe in self._absent:
+        if pe in self.running or pe in self.blanks or pe in self._absent:
             return
         self._incarnations[pe] += 1
+        if pe in self._blank:
+            self._wait(pe)
+        else:
+            self._fly(pe)
+
+    def _wait(self, pe: str) -> None:
+        """Start a node without a table; when it has taken one, the PE flies with it."""
+
+        def took(table: PeTable) -> None:
+            del self.blanks[pe]
+            self._checks.took_table(self._clock.now_ns, pe, table)
+            self._fly(pe)
+
+        self.blanks[pe] = SimulatedBlank(
+            self._clock,
+            self._clocks.draw(_CLOCKS_APART_NS),
+            self.tables[pe],
+            self._wiring.wires,
+            secret=self._secret(pe),
+            witness=self._checks.copied,
+            took=took,
+        )
+
+    def _fly(self, pe: str) -> None:
         self._truth.mended(f"pe:{pe}")
         if pe not in self._stale:
             self._truth.is_back(f"pe:{pe}")
@@ -111,6 +141,10 @@ class Fleet:
         """Let a PE use the right table again from its next start on; this ends `make_stale`."""
         self._stale.discard(pe)
 
+    def make_blank(self, pe: str) -> None:
+        """Let a PE start without a table from now on, each time; while it waits it counts as down."""
+        self._blank.add(pe)
+
     def lacks(self, pe: str, module: str) -> None:
         """Remove the code of a module from a PE."""
         self._lacking[pe].add(module)
@@ -119,15 +153,17 @@ class Fleet:
             self.running[pe].lack(module)
 
     def cut(self, pe: str) -> None:
-        """Break the wires of a running PE; no effect on a dead PE."""
-        if pe in self.running:
-            self.running[pe].wire(cut_off=True)
+        """Break the wires of a running PE, or of a node that waits in its place; no effect on a dead PE."""
+        node = self.running.get(pe) or self.blanks.get(pe)
+        if node is not None:
+            node.wire(cut_off=True)
             self._truth.cut(f"pe:{pe}")
 
     def mend(self, pe: str) -> None:
         """Repair the wires of a PE that was cut off."""
-        if pe in self.running:
-            self.running[pe].wire(cut_off=False)
+        node = self.running.get(pe) or self.blanks.get(pe)
+        if node is not None:
+            node.wire(cut_off=False)
         self._truth.mended(f"pe:{pe}")
 
     def _table(self, pe: str) -> PeTable:

@@ -54,6 +54,7 @@ class Managers:
         prepared: Prepared,
         planners: Planners,
         decide_ns: Callable[[], int],
+        brings_tables: bool,
     ) -> None:
         """Create the managers, without starting one.
 
@@ -61,6 +62,7 @@ class Managers:
         disks: the disk with the journal of each manager, by the number of its seat (see the head of this file)
         key: the key of managers and PEs; None without authentication
         decide_ns: returns the time that the next planning run takes
+        brings_tables: whether a manager brings a node without a table its table
         """
         self.running: dict[int, SimulatedManager] = {}
         self.events: list[events.Event] = []
@@ -69,6 +71,7 @@ class Managers:
         self.disks = disks
         self._spec, self._clock, self._clocks = spec, clock, clocks
         self._wiring, self._checks = wiring, checks
+        self._tables = prepared.contents if brings_tables else None
         self._key, self._prepared, self._planners, self._decide_ns = key, prepared, planners, decide_ns
 
     @property
@@ -114,6 +117,7 @@ class Managers:
             tell=lambda told: self._tell(seat, told),
             planned=self._checks.planning,
             witness=self._checks.copied,
+            tables=self._tables,
         )
 
     def double(self, node: int, *, standby: bool) -> None:

@@ -77,6 +77,11 @@ def need_key(faults: Iterable[Fault]) -> bool:
     return any(KINDS[fault.kind].needs_key for fault in faults)
 
 
+def bring_tables(faults: Iterable[Fault]) -> bool:
+    """Tell whether the managers of a flight with these faults have to bring tables."""
+    return any(fault.kind == "blank" for fault in faults)
+
+
 def _nothing(_simulation: Simulation, _start_ns: int) -> None:
     """Do nothing: the default of `begun`."""
 
@@ -104,6 +109,7 @@ def play(
         key=KEY if has_key else None,
         standby=scenario.standby,
         contingencies=scenario.foreseen,
+        brings_tables=bring_tables(scenario.faults),
     )
     hits: Counter[tuple[str, str]] = Counter()
     try:

@@ -47,6 +47,7 @@ DEFAULT_SKEW_PPM = 100  # largest error of a clock
 
 _LOOK_NS = 100 * MS
 _LATEST_START_NS = 200 * MS
+_LONGEST_WAIT_NS = 70_000 * MS  # for a table that was refused several times: the longest pause, and a transfer
 
 
 _E = TypeVar("_E", bound=Event)
@@ -72,6 +73,7 @@ class Simulation:
         aloft_ns: int = 0,
         plant: PlantOfDevices | None = None,
         observed: bool = True,
+        brings_tables: bool = False,
     ) -> None:
         """Switch on all nodes that are not `absent`, each at a random moment in the first 200 ms.
 
@@ -88,6 +90,7 @@ class Simulation:
         plant: what the devices read and move; None: the scripted flight
         observed: whether the oracles observe the flight; if not, the results of `broken`, `unsettled` and `settle` have
             no meaning
+        brings_tables: whether a manager brings a node without a table its table; fault `blank` needs it
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
@@ -95,7 +98,7 @@ class Simulation:
         self.clock = Clock()
         self.world: PlantOfDevices = Plant(-aloft_ns) if plant is None else plant
         disks = {node: Disk(spec) for node in MANAGER_NODES}
-        self.checks = Checks(spec, ahead.tables.values(), key, partial(journal, disks))
+        self.checks = Checks(spec, ahead.tables.values(), key, partial(journal, disks), brings_tables=brings_tables)
         if standby:
             self.checks.may_forget_phase()
         self.waivers = Waivers(self.checks.settling_ns)
@@ -114,6 +117,7 @@ class Simulation:
             prepared=ahead,
             planners=planners,
             decide_ns=lambda: chance.randint(decide_ns // 2, decide_ns),
+            brings_tables=brings_tables,
         )
         self.fleet = Fleet(
             self.clock,
@@ -208,7 +212,8 @@ class Simulation:
 
     def unsettled(self) -> list[Violation]:
         """Return the rules for the end of a flight (`oracles.end_state`) that are violated now."""
-        return self.checks.unsettled(self.truth.situation, self.now_ns)
+        waiting = [Violation(self.now_ns, "table", f"{pe} waits for its table") for pe in self.fleet.blanks]
+        return self.checks.unsettled(self.truth.situation, self.now_ns) + waiting
 
     def settle(self) -> list[Violation]:
         """Simulate without further faults until the aircraft has converged, and return every violation.
@@ -227,6 +232,8 @@ class Simulation:
         may still send queued frames, and a PE that returns may still send data of the modules that it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
+        if self.fleet.blanks:
+            end_ns += _LONGEST_WAIT_NS
         stays_well_ns = unnoticed_ns(self.spec)
         wires = self.wiring.every_wire()
         queues, epoch = QueueCheck(self.now_ns, wires), self.checks.epoch

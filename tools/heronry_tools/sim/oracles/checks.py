@@ -37,15 +37,18 @@ class Checks:
         tables: Collection[PeTable] = (),
         key: Key | None = None,
         read_journal: Read = lambda _: None,
+        *,
+        brings_tables: bool = False,
     ) -> None:
         """Create the oracles for a flight of this spec.
 
         tables: the tables of the PEs, by which slices and contingencies are recognized
         key: the key of managers and PEs; None without authentication
         read_journal: returns the bytes of the journal of the manager at a station
+        brings_tables: whether the managers bring tables to nodes without one
         """
         self._spec = spec
-        self._known = Known(spec, tables, key, read_journal)
+        self._known = Known(spec, tables, key, read_journal, brings_tables=brings_tables)
         self._oracles = oracles(self._known)
         self._frames = FrameWatch(self._known, self._oracles)
         self._of_frames = listeners(self._oracles, "seen")
@@ -200,6 +203,11 @@ class Checks:
         """
         for oracle in self._oracles:
             oracle.cleared(t_ns, element, truth, everywhere=everywhere)
+
+    def took_table(self, t_ns: int, pe: str, table: PeTable) -> None:
+        """Report to the oracles that a node that waited for the table of a PE has taken this one."""
+        if self._known.tables is not None:
+            self._known.tables.took(t_ns, pe, table)
 
     def wrong(self, t_ns: int, story: str) -> None:
         """Record a violation: a diagnostic client has found that a PE does not behave as a CANopen node must."""

@@ -23,6 +23,7 @@ from heronry_tools.sim.oracles.service import ServiceCheck
 from heronry_tools.sim.oracles.silence import LeftOut
 from heronry_tools.sim.oracles.solitude import Solitude
 from heronry_tools.sim.oracles.stale import StaleCheck
+from heronry_tools.sim.oracles.tables import TableCheck
 from heronry_tools.sim.oracles.terms import TermCheck
 from heronry_wire.authentication import Key
 from heronry_wire.pe_table import PeTable
@@ -31,12 +32,21 @@ from heronry_wire.pe_table import PeTable
 class Known:
     """Facts about one flight that its oracles share, and those oracles that derive some of these facts."""
 
-    def __init__(self, spec: Spec, tables: Collection[PeTable], key: Key | None, read_journal: Read) -> None:
+    def __init__(
+        self,
+        spec: Spec,
+        tables: Collection[PeTable],
+        key: Key | None,
+        read_journal: Read,
+        *,
+        brings_tables: bool = False,
+    ) -> None:
         """Create the oracles that derive facts.
 
         tables: the tables of the PEs, by which slices and contingencies are recognized.
         key: the key of managers and PEs; None without authentication.
         read_journal: returns the bytes of the journal of the manager at a station.
+        brings_tables: whether the managers bring tables to nodes without one.
         """
         self.spec, self.key, self.read_journal = spec, key, read_journal
         self.commanded = Commanded(spec, tables)
@@ -55,3 +65,4 @@ class Known:
         self.availability = None if key is None else AvailabilityCheck(spec)
         self.stale = StaleCheck(spec, self.commanded, self.epochs)
         self.planned_load = PlannedLoadCheck(spec)
+        self.tables = TableCheck(spec, {one.name: one for one in tables}) if brings_tables else None

@@ -18,7 +18,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import MANAGERS
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, not_injected
 from heronry_tools.sim.flight.injection.schedule import Injections
-from heronry_tools.sim.flight.outcome import KEY, lossy, need_key
+from heronry_tools.sim.flight.outcome import KEY, bring_tables, lossy, need_key
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.oracles.service import Injected
 from heronry_tools.sim.scenario.evaluation import Evaluation
@@ -43,6 +43,7 @@ def _take_off(script: Script) -> Simulation:
         key=KEY if script.has_key or need_key(script.faults) else None,
         planners=Planners.IMMEDIATE if script.is_unforeseen else Planners.BEST,
         absent=[element.removeprefix("pe:") for element in script.without],
+        brings_tables=bring_tables(script.faults),
     )
 
 

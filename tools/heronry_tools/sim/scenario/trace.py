@@ -24,6 +24,8 @@ _LINES: Mapping[type[events.Event], Callable[[Any], str]] = dict(
         on(events.PeAbsent, lambda e: f"{e.pe} is absent: {e.cause}"),
         on(events.PeHeardAgain, lambda e: f"{e.pe} is heard again: {e.cause}"),
         on(events.PeJoined, lambda e: f"{e.pe} joins: {e.cause}"),
+        on(events.TableBrought, lambda e: f"{e.pe} is brought its table"),
+        on(events.TableNotTaken, lambda e: f"{e.pe} takes no table: {e.why}"),
         on(events.ModuleRestarted, lambda e: f"{e.element} failed and is restarted on {e.by} ({e.times})"),
         on(events.FaultReported, lambda e: f"{e.element} has failed, reported by {e.by}"),
         on(events.FaultCleared, lambda e: f"{e.element} is cleared by {e.by}"),

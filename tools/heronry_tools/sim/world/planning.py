@@ -19,6 +19,7 @@ request. `Planners` names the planners from which the policy can choose:
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
@@ -34,6 +35,7 @@ from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planner.sweep import Scope
 from heronry_manager.planning_policy import Answer, Instruction, PlanningPolicy
 from heronry_tools.analysis.campaign.sweeping import numbered, sweep
+from heronry_wire.compressed_table import compressed
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import InvariantError, require
 
@@ -46,7 +48,7 @@ _PLANNERS: dict[str, Planner] = {}  # by digest of the spec
 _GREEDY: dict[str, Greedy] = {}  # by digest of the spec
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Prepared:
     """The tables of an aircraft's PEs, and its contingencies.
 
@@ -59,6 +61,11 @@ class Prepared:
     compiler: Compiler
     made: ContingencyTable | None = None
     numbers: ContingencyNumbers | None = None
+
+    @cached_property
+    def contents(self) -> Mapping[str, bytes]:
+        """The tables as a manager brings them over the bus."""
+        return {pe: compressed(table.to_json()) for pe, table in self.tables.items()}
 
 
 PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec, and number of faults

@@ -4,7 +4,7 @@ The core is the same code as on an aircraft. The invariants of the core are chec
 than send frames, and after every sixteenth call.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from heronry_dg.model import Spec
@@ -68,6 +68,7 @@ class SimulatedManager(Node):
         key: Key | None = None,
         planners: Planners = Planners.BEST,
         reads_objects: bool = False,
+        tables: Mapping[str, bytes] | None = None,
     ) -> None:
         """Join the bus on each of its channels, and start the manager.
 
@@ -79,6 +80,7 @@ class SimulatedManager(Node):
         ahead: the contingencies; its `made` and `numbers` are None if there are none
         reads_objects: whether the manager reads by SDO the details that PEs store for people, for example why a module
             has failed (`pe_details`)
+        tables: the table of each PE as it goes over the bus, for a node without one; None: none is brought
         """
         super().__init__(clock, time)
         self._tell, self._planned, self._name = tell, planned, name
@@ -100,6 +102,7 @@ class SimulatedManager(Node):
             standby=standby,
             tells_departures=True,
             reads_objects=reads_objects,
+            tables=tables,
             compiler=ahead.compiler,
         )
         self.disk = disk

@@ -44,6 +44,13 @@ def _crash(simulation: Simulation, fault: Fault, _: Random) -> End:
     return lambda: simulation.fleet.restore(fault.name)
 
 
+def _blank(simulation: Simulation, fault: Fault, _: Random) -> End:
+    """Let a PE die; at the end of the fault a node without a table takes its place."""
+    simulation.fleet.kill(fault.name)
+    simulation.fleet.make_blank(fault.name)
+    return lambda: simulation.fleet.restore(fault.name)
+
+
 def _brownout(simulation: Simulation, fault: Fault, random: Random) -> End:
     fleet = simulation.fleet
 
@@ -177,6 +184,7 @@ def _inspect(simulation: Simulation, fault: Fault, _: Random) -> End:
 ON_PES: dict[str, Inject] = {
     "crash": _on_living(_crash),
     "reboot": _on_living(_crash),
+    "blank": _on_living(_blank),
     "brownout": _on_living(_brownout),
     "stale_table": _on_living(_stale_table),
     "mute": _on_pe(_transmit_failed),
