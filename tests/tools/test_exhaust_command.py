@@ -29,10 +29,21 @@ def test_every_story_that_reconfigures_gets_every_frame_fault_at_every_node() ->
     assert idle == {"raise module:servo_driver_2", "clear module:servo_driver_2"}  # it does not run
     faults = {(fault.kind, fault.victim) for found in cases.values() for case in found for fault in case.faults}
     nodes = {"manager", "pe:flight", "pe:tail_a", "pe:tail_b"}
-    assert {kind for kind, _ in faults} == set(KINDS)
+    assert {kind for kind, _ in faults} == set(KINDS) - {"cut"}
     assert {victim for kind, victim in faults if kind == "lost"} == nodes | {"everybody"}
     assert {victim for kind, victim in faults if kind == "crash"} == nodes
     assert sum(map(len, cases.values())) > 30_000
+
+
+def test_with_tables_a_blank_node_and_a_retirement_are_stories_and_a_pe_may_be_cut_off() -> None:
+    spec, tables = load(FILE), Setup(tables=True)
+    assert stories(spec, tables) == [f"{what} pe:{pe}" for what in ("blank", "retire", "restore") for pe in spec.pes]
+    cases = {story: single_cases(spec, story, tables) for story in ("blank pe:tail_a", "retire pe:tail_a")}
+    for found in cases.values():
+        faults = {(fault.kind, fault.victim) for case in found for fault in case.faults}
+        assert {kind for kind, _ in faults} == set(KINDS)
+        assert {victim for kind, victim in faults if kind == "cut"} == {f"pe:{pe}" for pe in spec.pes}
+    assert len(cases["blank pe:tail_a"]) > 5 * len(cases["retire pe:tail_a"])  # the segments of its table
 
 
 def test_with_two_managers_a_takeover_is_a_story_and_either_of_them_is_a_victim() -> None:
