@@ -13,7 +13,7 @@ import canopen
 import pytest
 
 from agent.loader_bundles import signing_key
-from heronry_manager.events import PeJoined, Reconfigured
+from heronry_manager.events import CodeBrought, PeJoined, Reconfigured
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.bundle import pack
@@ -140,7 +140,20 @@ def nodes(tmp_path: Path) -> Iterator[Nodes]:
             nodes.end()
 
 
-def test_code_comes_over_the_bus_and_runs(nodes: Nodes, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_manager_brings_code_that_a_pe_lacks_and_it_runs(nodes: Nodes) -> None:
+    (nodes.folder / "bundles").mkdir()
+    bundle_file(nodes.folder / "bundles", nodes.key, 3)
+    nodes.blank()
+    nodes.agent("other")
+    manager = nodes.manager("--bundles", str(nodes.folder / "bundles"))
+    brought = next_event(manager.stdout, CodeBrought, pe="blank")
+    assert (brought.bundle, brought.version) == ("brought", 3)
+    next_event(manager.stdout, Reconfigured)
+    nodes.wait("other", "speed 3.0")
+
+
+@pytest.mark.soak
+def test_the_operator_brings_code_and_clears_the_fault(nodes: Nodes, capsys: pytest.CaptureFixture[str]) -> None:
     nodes.blank()
     nodes.agent("other")
     manager = nodes.manager()

@@ -15,13 +15,14 @@ The objects stay the same for as long as the manager runs. When the manager forg
     authenticity    with a key: what has been proven; None without a key
     details         what PEs store for people to read. No decision depends on it, and the manager does not forget it
     bringing        which PEs wait without a table. It forgets by itself when the manager is not active
+    code            which PEs lack code, and what is on its way to them. It forgets by itself, too
 """
 
 from heronry_manager.core.authentication import Authenticity
 from heronry_manager.core.epochs import Advice, Deployment, HeldOutputs, Silences
 from heronry_manager.core.mastership import Claim, Following, Mastership
 from heronry_manager.core.membership import Exclusion, Health
-from heronry_manager.core.provisioning import TableBringing
+from heronry_manager.core.provisioning import CodeBringing, TableBringing
 from heronry_manager.core.reports import PeDetails
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.situation import HeldScript, KnownSituation
@@ -62,6 +63,7 @@ class Knowledge:
             self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=claim.speaks)
         self.details = PeDetails(settings, turn, claim)
         self.bringing = TableBringing(settings, turn, claim, self.health, self.deployment)
+        self.code = CodeBringing(settings, turn, claim, self.health, self.deployment, situation=self.situation)
 
     def forget(self) -> None:
         """Forget what this manager knows, except what `memory` and `details` hold."""

@@ -51,7 +51,7 @@ from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.planning import PlanRequests, Replanning
 from heronry_manager.core.reports import Look, status
-from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.settings import CodeBundle, ManagerSettings
 from heronry_manager.core.tables import Compiler, ContingencyNumbers
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import (
@@ -95,6 +95,7 @@ class ManagerCore:
         tells_departures: bool = False,
         reads_objects: bool = False,
         tables: Mapping[str, bytes] | None = None,
+        bundles: tuple[CodeBundle, ...] = (),
         compiler: Compiler | None = None,
     ) -> None:
         """Begin to listen at `now_ns`; `memory`: what the journal has kept for this spec.
@@ -116,6 +117,7 @@ class ManagerCore:
             tells_departures=tells_departures,
             reads_objects=reads_objects,
             tables=tables,
+            bundles=bundles,
         )
         self._settings = settings
         self.alive_id = management_id(node, Command.ALIVE)
@@ -127,7 +129,7 @@ class ManagerCore:
         known = self._known = Knowledge(settings, turn, claim)
         self._health, self._exclusion, self._situation = known.health, known.exclusion, known.situation
         self._deployment, self._following, self._details = known.deployment, known.following, known.details
-        self._bringing = known.bringing
+        self._bringing, self._code = known.bringing, known.code
         requests = PlanRequests(turn)
         beat = self._beat = Beat(settings, turn, known)
         replanning = self._replanning = Replanning(settings, turn, claim, known, requests)
@@ -140,6 +142,7 @@ class ManagerCore:
             settings, turn, claim, known, reports=reports, reactions=reactions, succession=succession
         )
         self._orders = OperatorOrders(settings, turn, known, requests)
+        self._code.clear = reactions.code_arrived
         self._journal_problem: str | None = None
         turn.emit(
             events.ManagerStarted,
@@ -219,6 +222,7 @@ class ManagerCore:
             self._replanning.advance()
         self._details.end_of_step()
         self._bringing.end_of_step()
+        self._code.end_of_step()
         return self._turn.end()
 
     def next_deadline_ns(self) -> int | None:
@@ -233,7 +237,7 @@ class ManagerCore:
             other_ns = self._following.next_deadline_ns()
         else:
             due_ns = min(due_ns, self._beat.next_ns, self._deployment.next_deadline_ns())
-            due_ns = min(due_ns, self._details.next_ns, self._bringing.next_ns)
+            due_ns = min(due_ns, self._details.next_ns, self._bringing.next_ns, self._code.next_ns)
             other_ns = self._replanning.again_ns
         if other_ns is not None:
             due_ns = min(due_ns, other_ns)
@@ -266,6 +270,7 @@ class ManagerCore:
             self._replanning.tick()
             self._details.tick()
             self._bringing.tick()
+            self._code.tick(may_begin=not self._bringing.is_busy)
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
         """Answer a question or execute an order of the operator; a manager that listens or stands by refuses orders."""

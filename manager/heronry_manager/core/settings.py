@@ -11,6 +11,19 @@ from heronry_wire.protocol_times import START_UP_WINDOW_NS, t_lease_ns
 
 
 @dataclass(frozen=True, slots=True)
+class CodeBundle:
+    """A bundle of code (`heronry_wire.bundle`) that a manager may bring to PEs, read and checked.
+
+    content: its bytes, which go over the bus.
+    """
+
+    name: str
+    version: int
+    images: frozenset[str]
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class ManagerSettings:
     """The settings of one manager of a spec.
 
@@ -25,6 +38,7 @@ class ManagerSettings:
     tells_departures: the driver reports when an ALIVE is on the bus; if False, each ALIVE counts as sent immediately.
     reads_objects: the manager reads by SDO the details that PEs store for people (`pe_details`).
     tables: the table of each PE, compressed, by its name, for a PE that waits without one; None: none is brought.
+    bundles: code for PEs that lack it.
     """
 
     spec: Spec
@@ -38,6 +52,7 @@ class ManagerSettings:
     tells_departures: bool = False
     reads_objects: bool = False
     tables: Mapping[str, bytes] | None = None
+    bundles: tuple[CodeBundle, ...] = ()
 
     @property
     def bus(self) -> Bus:

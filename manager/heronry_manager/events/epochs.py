@@ -128,6 +128,25 @@ class TableNotTaken(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class CodeBrought(Event):
+    """The PE lacked code, and runs this version of the bundle that this manager brought it over the bus."""
+
+    pe: str
+    bundle: str
+    version: int
+    bytes: int
+    took_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class CodeNotTaken(Event):
+    """The PE lacks code, and did not take the bundle that this manager has for it; it is brought again."""
+
+    pe: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
 class Reconfigured(Event):
     """This epoch runs now."""
 

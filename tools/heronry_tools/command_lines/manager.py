@@ -69,6 +69,12 @@ def add_parsers(subparsers: Any) -> None:
         metavar="PATH",
         help="the socket on which 'heronry status' and other commands reach this manager (default: named after SPEC)",
     )
+    parser.add_argument(
+        "--bundles",
+        type=Path,
+        metavar="DIR",
+        help="bring code that a PE lacks over the bus: the folder of the bundles ('heronry bundle')",
+    )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
     parser.add_argument("--slower-heartbeat-ns", type=int, default=0, help=argparse.SUPPRESS)  # as the PEs of a demo
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")

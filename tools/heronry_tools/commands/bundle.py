@@ -10,7 +10,8 @@ from typing import Any
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_calls import unlock_pe
 from heronry_tools.console.whole_file import expect_writable, write_whole
-from heronry_wire.bundle import MOST_BYTES, MOST_UNPACKED, Bundle, BundleError, pack, unpack
+from heronry_tools.runtime.bundle_files import read_bundle
+from heronry_wire.bundle import MOST_UNPACKED, Bundle, BundleError, pack
 from heronry_wire.bundle_signing import check_signature, read_public_key, read_wheel, sign
 from heronry_wire.bus_arguments import flagged_bus
 from heronry_wire.ordinary_file import read_ordinary
@@ -37,7 +38,7 @@ def run_build(arguments: argparse.Namespace) -> int:
 
 def run_sign(arguments: argparse.Namespace) -> int:
     """Sign a bundle in its place; returns the exit code."""
-    bundle = sign(_read(arguments.file), arguments.key)
+    bundle = sign(read_bundle(arguments.file), arguments.key)
     write_whole(arguments.file, bundle.content)
     _say(arguments, bundle, f"signed with key {bundle.key_name.hex()}")
     return 0
@@ -45,7 +46,7 @@ def run_sign(arguments: argparse.Namespace) -> int:
 
 def run_inspect(arguments: argparse.Namespace) -> int:
     """Tell what is in a bundle; with a public key, check its signature. Returns the exit code."""
-    bundle = _read(arguments.file)
+    bundle = read_bundle(arguments.file)
     if arguments.key is not None:
         try:
             check_signature(bundle, read_public_key(arguments.key))
@@ -66,7 +67,7 @@ def run_send(arguments: argparse.Namespace) -> int:
     from heronry_tools.console.spec_files import expect_pe, load_spec  # noqa: PLC0415 - the others need no spec
     from heronry_tools.runtime import bundle_sending  # noqa: PLC0415
 
-    bundle, spec = _read(arguments.file), load_spec(arguments.spec)
+    bundle, spec = read_bundle(arguments.file), load_spec(arguments.spec)
     expect_pe(spec, arguments.pe)
     pe = spec.pes[arguments.pe]
     size = len(bundle.content)
@@ -86,15 +87,6 @@ def run_send(arguments: argparse.Namespace) -> int:
     )
     _say(arguments, bundle, f"is on {pe.name}, node {pe.node_id}, after {took_s:.1f} s")
     return 0
-
-
-def _read(file: Path) -> Bundle:
-    try:
-        return unpack(read_ordinary(file, MOST_BYTES + 1))
-    except OSError as error:
-        raise UserError(f"{file}: {error.strerror}; make a bundle with 'heronry bundle build'") from error
-    except BundleError as error:
-        raise UserError(f"{file}: {error}") from error
 
 
 def _files(folder: Path, result: Path) -> Iterator[tuple[str, bytes]]:

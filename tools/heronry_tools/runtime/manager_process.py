@@ -34,6 +34,7 @@ from heronry_tools.console.contingencies_argument import Ahead
 from heronry_tools.console.spec_files import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event, surviving
 from heronry_tools.reports.screen import screen
+from heronry_tools.runtime.bundle_files import read_bundles
 from heronry_tools.runtime.wake_ups import with_heartbeat
 from heronry_wire.bus_arguments import channel_configs, flagged_bus
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
@@ -72,6 +73,7 @@ def mastership(arguments: argparse.Namespace) -> int:
     table = None if made is None else ContingencyTable(spec, made)
     compiler, held = Compiler(spec), [] if made is None else on_board(spec, made)
     numbers = None if made is None else ContingencyNumbers(spec, made, held)
+    bundles = () if arguments.bundles is None else read_bundles(arguments.bundles)
     tell = surviving(print_event if arguments.json else screen(spec))
     link = open_bus()
     service = ServiceManager()
@@ -106,6 +108,7 @@ def mastership(arguments: argparse.Namespace) -> int:
                 tells_departures=True,
                 reads_objects=True,
                 tables=PeTables(compiler, held).contents(),
+                bundles=bundles,
                 compiler=compiler,
             )
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)

@@ -59,7 +59,7 @@ class Inbound:
     ) -> None:
         self._is_advising, self._turn, self._claim = settings.advise, turn, claim
         self._situation, self._authenticity, self._details = known.situation, known.authenticity, known.details
-        self._bringing = known.bringing
+        self._bringing, self._code = known.bringing, known.code
         self._reports, self._reactions, self._succession = reports, reactions, succession
         self._identification = IdentificationService(settings.node)
         pes = settings.spec.pes.values()
@@ -85,6 +85,7 @@ class Inbound:
             or identifier in self._node_of_sdo_id
             or identifier in self._node_of_sdo_request
             or self._bringing.hears(identifier)
+            or self._code.hears(identifier)
         )
 
     def take(self, frame: Frame) -> None:
@@ -104,6 +105,7 @@ class Inbound:
             self._command(*self._manager_ids[frame.can_id], frame)
         else:
             self._bringing.take(frame)
+            self._code.take(frame)
             self._sdo(frame)
 
     def _sdo(self, frame: Frame) -> None:

@@ -39,6 +39,11 @@ from heronry_manager.core.situation import (
     TargetReleased,
 )
 from heronry_manager.core.turn import Turn
+from heronry_wire.identifiers import Command
+from heronry_wire.management import Control, Operation
+
+LOADER = "the loader"
+_ALL_NODES = 0
 
 
 class Reactions:
@@ -87,6 +92,13 @@ class Reactions:
         if not flies:
             self.take(self._health.exclude(pe, ANOTHER_TABLE, self._turn.now_ns))
             self._bringing.has_another_table(pe)
+
+    def code_arrived(self, element: str) -> None:
+        """End the fault of a module, or of its place, whose code was lacking, as an operator's order does."""
+        self.take(self._situation.clear(element, LOADER) or ())
+        named = self._situation.field(element)
+        if named is not None:
+            self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *named))
 
     def discount_losses(self) -> None:
         """Discount the last loss of each PE that was lost while this manager itself heard nothing.

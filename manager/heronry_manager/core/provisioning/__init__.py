@@ -1,6 +1,7 @@
 """Provisioning: a PE without a table, or with another one and idle, is brought its table; nobody has to type anything.
 
     table_bringing   which PE waits; when its table goes out; what follows if the PE does not take it
+    code_bringing    which PE lacks code; when a bundle goes out; what follows if the PE does not take it
     pace             how fast it goes out, so that nothing that runs misses a deadline
 
 *Who may change it.* A heartbeat of a PE that sends no state frames starts a transfer; only an active manager that may
@@ -14,6 +15,7 @@ checked, or nothing. A restart forgets a transfer, and the next heartbeat of the
 No decision on what runs depends on anything here. The pages: docs/canopen.md, docs/protocol.md.
 """
 
+from heronry_manager.core.provisioning.code_bringing import CodeBringing
 from heronry_manager.core.provisioning.table_bringing import TableBringing
 
-__all__ = ["TableBringing"]
+__all__ = ["CodeBringing", "TableBringing"]

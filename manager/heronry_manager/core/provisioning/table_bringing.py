@@ -94,6 +94,11 @@ class TableBringing:
         )
 
     @property
+    def is_busy(self) -> bool:
+        """Tell whether a table is being brought."""
+        return self._pe is not None
+
+    @property
     def next_ns(self) -> int:
         """Time in ns at which to call `tick`; NEVER_NS: nothing waits."""
         if self._transfer is not None:
