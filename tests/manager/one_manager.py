@@ -14,6 +14,7 @@ from heronry_dg.plan import Plan
 from heronry_manager import events
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Memory
+from heronry_manager.core.settings import CodeBundle
 from heronry_manager.core.tables import Compiler, PeTables
 from heronry_manager.core.vocabulary import Emit, Keep, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_manager.events import Event
@@ -77,11 +78,21 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         key: Key | None = None,
         reads_objects: bool = False,
         brings_tables: bool = False,
+        bundles: tuple[CodeBundle, ...] = (),
     ) -> None:
         self.spec = spec or two_tails()
         self.memory, now_ns = replace(memory, term=max(memory.term, term - 1)), 1_000 * MS  # as a journal would have it
         tables = PeTables(Compiler(self.spec), ()).contents() if brings_tables else None
-        core = ManagerCore(self.spec, node, self.memory, now_ns, key=key, reads_objects=reads_objects, tables=tables)
+        core = ManagerCore(
+            self.spec,
+            node,
+            self.memory,
+            now_ns,
+            key=key,
+            reads_objects=reads_objects,
+            tables=tables,
+            bundles=bundles,
+        )
         super().__init__(core, now_ns)
         self.core: ManagerCore
         self.node = node

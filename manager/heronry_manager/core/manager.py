@@ -369,4 +369,5 @@ class ManagerCore:
             details=self._details,
             held=known.held_outputs,
             silences=known.silences,
+            code=known.code.status(),
         )

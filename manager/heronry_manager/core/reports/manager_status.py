@@ -34,6 +34,7 @@ and changes none.
     script          state (none, asked, held, refused, ended) and why
     buses           by name: bits_per_s and load, as planned
     other_tables    why a PE stages nothing, and what to do, by the PE's name
+    code            code that is on its way to a PE that lacks it, or why it is not, by the PE's name
     unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
 
 The driver adds:
@@ -73,6 +74,7 @@ def status(
     details: PeDetails,
     held: HeldOutputs,
     silences: Silences,
+    code: Mapping[str, str],
 ) -> dict[str, Any]:
     """Build the status document; `manager` and `script` are the values of its keys with these names."""
     current, plan, now = deployment.current, deployment.plan, situation.now()
@@ -109,6 +111,7 @@ def status(
         "script": dict(script),
         "buses": {} if plan is None else plan.document()["buses"],
         "other_tables": details.other_tables(),
+        "code": dict(code),
         "unwatched": list(_unwatched(spec, plan)),
     }
 

@@ -1,0 +1,408 @@
+"""A manager brings a PE the code that it lacks: every message between them lost, doubled, late or damaged.
+
+The PE has the real SDO server and the real door of its loader; the loader itself takes what is whole. What must hold
+whatever happens: the PE runs no code or exactly the bundle; in the end it runs it, and the fault is cleared once; no
+other PE is lost.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from hashlib import sha256
+from heapq import heappop, heappush
+from itertools import count
+
+import pytest
+
+from heronry_agent.core.canopen import Programs, SdoServer
+from heronry_agent.core.turn import Turn
+from heronry_agent.core.vocabulary import ControlProgram, ProgramState, WriteProgram
+from heronry_manager import events
+from heronry_manager.core.provisioning import TableBringing
+from heronry_manager.core.provisioning.pace import Pace
+from heronry_manager.core.settings import CodeBundle
+from heronry_manager.core.vocabulary import ClearElement
+from heronry_wire.authentication import KEY_BYTES, Key
+from heronry_wire.canopen_objects import PROGRAM_CONTROL, PROGRAM_STATUS, PROGRAM_TRANSFER, PROGRAM_VERSION
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import sdo_request_id, sdo_response_id
+from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
+from heronry_wire.sdo import Abort, abort_message
+from manager.one_manager import MS, OneManager, two_tails
+from manager.test_operator import say
+from thoroughness import IS_WHOLE
+
+PE, NODE, MODULE = "middle", 93, "control"
+REQUEST, ANSWER = sdo_request_id(NODE), sdo_response_id(NODE)
+IMAGE = "state_estimator"
+CONTENT = bytes(range(251)) * 30  # two parts
+BUNDLE = CodeBundle("nav", 3, frozenset((IMAGE,)), CONTENT)
+LACK = Emergency(FaultCode.MODULE_MISSING, 0x81, ElementKind.MODULE, 0, 0)
+ON_THE_WAY_NS, WORK_NS = MS, 700 * MS
+LONGEST_NS = 60_000 * MS
+
+Change = Callable[[bytes], list[tuple[int, bytes]]]
+
+CHANGES: dict[str, Change] = {
+    "lost": lambda _data: [],
+    "doubled": lambda data: [(0, data), (0, data)],
+    "late": lambda data: [(200 * MS, data)],
+    "very late": lambda data: [(1_500 * MS, data)],
+    "damaged": lambda data: [(0, bytes((*data[:-1], data[-1] ^ 1)))],
+    "replaced by an abort": lambda _data: [(0, abort_message(PROGRAM_TRANSFER, 1, Abort.TIME_OUT))],
+}
+
+
+class Pe:
+    """The SDO server of a PE with a loader that needs a while for each order; it takes CONTENT, and runs it when told.
+
+    error: what the loader answers to each bundle; 0: it takes it.
+    """
+
+    def __init__(self, now_ns: int, error: int = 0) -> None:
+        self.turn, self.error = Turn(now_ns), error
+        self.programs = Programs(self.turn, ProgramState())
+        self.server = SdoServer(self, MS)
+        self.ready: bytes | None = None
+        self.version = 0
+        self.works: tuple[int, object] | None = None
+        self.never_ends = self.never_starts = False
+
+    def room(self, index: int, *_: object) -> int | Abort:
+        if not self.programs.takes_bytes():
+            return Abort.DEVICE_STATE
+        return 1 if index == PROGRAM_CONTROL else 1 << 20
+
+    def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
+        assert sub_index == 1
+        return self.programs.write_part(data) if index == PROGRAM_TRANSFER else self.programs.order(data[0])
+
+    def read(self, index: int, sub_index: int) -> bytes | Abort:
+        values = {
+            (PROGRAM_VERSION, 1): self.programs.version.to_bytes(4, "little"),
+            (PROGRAM_STATUS, 1): self.programs.status.to_bytes(4, "little"),
+            (PROGRAM_TRANSFER, 2): self.programs.received,
+        }
+        return values[index, sub_index]
+
+    def hear(self, data: bytes, now_ns: int) -> list[bytes]:
+        self.turn.begin(now_ns)
+        answer = self.server.request(data, now_ns)
+        self._work(now_ns)
+        return [] if answer is None else [answer]
+
+    def tick(self, now_ns: int) -> list[bytes]:
+        self.turn.begin(now_ns)
+        if self.works is not None and now_ns >= self.works[0] and not self.never_ends:
+            self._done(self.works[1])
+        answer = self.server.tick(now_ns) if now_ns >= self.server.next_ns else None
+        return [] if answer is None else [answer]
+
+    def _work(self, now_ns: int) -> None:
+        for action in self.turn.end():
+            if isinstance(action, WriteProgram | ControlProgram):
+                assert self.works is None
+                self.works = now_ns + WORK_NS, action
+
+    def _done(self, action: object) -> None:
+        self.works = None
+        if isinstance(action, WriteProgram):
+            assert action.content == CONTENT, "a bundle is whole, or it does not come"
+            self.ready = action.content if not self.error else None
+            self.programs.changed(ProgramState(self.version, self.error))
+            return
+        if self.ready is not None and not self.never_starts:
+            self.version = BUNDLE.version
+        self.programs.changed(ProgramState(self.version))
+
+
+class Flight:
+    """Three PEs that fly, one of which lacks code, and their manager."""
+
+    def __init__(self, change: Change | None = None, at: int = -1, *, error: int = 0, **more) -> None:
+        self.manager = OneManager(**{"bundles": (BUNDLE,), **more})
+        self.manager.start(fly=False)
+        self.pe = Pe(self.manager.now_ns, error)
+        self.change, self.at, self.messages = change, at, 0
+        self.on_the_way: list[tuple[int, int, Frame]] = []
+        self.order = count()
+        self.sent = len(self.manager.frames)
+        self.manager.report(PE, LACK)
+
+    def fly(self, until: Callable[[], bool] = lambda: False, longest_ns: int = LONGEST_NS) -> bool:
+        """Fly until something holds; tells whether it came to hold."""
+        end_ns = self.manager.now_ns + longest_ns
+        while not until():
+            if self.manager.now_ns >= end_ns:
+                return False
+            self._step(end_ns)
+        return True
+
+    def _step(self, end_ns: int) -> None:
+        manager, now_ns = self.manager, self.manager.now_ns
+        works_ns = end_ns if self.pe.works is None or self.pe.never_ends else self.pe.works[0]
+        dues = [self.pe.server.next_ns, works_ns, manager.core.next_deadline_ns() or end_ns, end_ns]
+        dues += [self.on_the_way[0][0]] if self.on_the_way else []
+        manager.pass_time(max(1, min(dues) + 1 - now_ns))
+        self._collect()
+        while self.on_the_way and self.on_the_way[0][0] <= manager.now_ns:
+            frame = heappop(self.on_the_way)[2]
+            if frame.can_id == REQUEST:
+                self._say(self.pe.hear(frame.data, manager.now_ns))
+            else:
+                manager.hear(frame)
+                self._collect()
+        self._say(self.pe.tick(manager.now_ns))
+
+    def _say(self, answers: list[bytes]) -> None:
+        for data in answers:
+            self._pass_on(Frame(ANSWER, data))
+
+    def _collect(self) -> None:
+        new, self.sent = self.manager.frames[self.sent :], len(self.manager.frames)
+        for frame in new:
+            if frame.can_id == REQUEST:
+                self._pass_on(frame)
+
+    def _pass_on(self, frame: Frame) -> None:
+        copies = [(0, frame.data)]
+        if self.messages == self.at and self.change is not None:
+            copies = self.change(frame.data)
+        self.messages += 1
+        for later_ns, data in copies:
+            heappush(
+                self.on_the_way,
+                (self.manager.now_ns + ON_THE_WAY_NS + later_ns, next(self.order), Frame(frame.can_id, data)),
+            )
+
+    def has_come(self) -> bool:
+        return bool(self.manager.of(events.CodeBrought))
+
+    def judge(self) -> None:
+        """The PE runs the bundle, the fault is cleared once, and no PE is lost."""
+        assert self.fly(self.has_come), self.manager.of(events.CodeNotTaken)
+        assert self.pe.version == BUNDLE.version
+        (told,) = self.manager.of(events.CodeBrought)
+        assert (told.pe, told.bundle, told.version, told.bytes) == (PE, "nav", 3, len(CONTENT))
+        assert [one.element for one in self.manager.of(events.FaultCleared)] == [f"module:{MODULE}@{PE}"]
+        assert not self.manager.of(events.PeLost)
+        assert not self.manager.core.now.down
+
+
+def messages_of_a_transfer() -> int:
+    flight = Flight()
+    flight.judge()
+    return flight.messages
+
+
+MESSAGES = messages_of_a_transfer()
+KEY = Key(b"k" * KEY_BYTES)
+
+
+def test_code_comes_by_itself_in_a_tenth_of_the_bus_and_the_pe_is_told_of_the_cleared_fault() -> None:
+    flight = Flight()
+    flight.judge()
+    (told,) = flight.manager.of(events.CodeBrought)
+    assert told.took_ns >= len(CONTENT) // 7 * 10 * 135_000
+    clears = [one for one in flight.manager.said(Control) if one.operation is Operation.CLEAR]
+    assert len(clears) == 1
+    assert not flight.manager.of(events.CodeNotTaken)
+    assert flight.manager.core.status()["code"] == {}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_whatever_becomes_of_a_message_the_code_comes_whole(name: str) -> None:
+    few = (1, MESSAGES // 3, MESSAGES - 6, MESSAGES - 1)
+    for at in range(MESSAGES) if IS_WHOLE else few:
+        Flight(CHANGES[name], at).judge()
+
+
+@pytest.mark.parametrize("at", [0, 3, MESSAGES // 3, MESSAGES - 5, MESSAGES - 1])
+def test_a_pe_whose_loader_restarts_is_brought_the_rest_or_all_of_it(at: int) -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > at)
+    version = flight.pe.version
+    flight.pe = Pe(flight.manager.now_ns)
+    flight.pe.version = version
+    flight.pe.programs.changed(ProgramState(version))
+    assert flight.fly(flight.has_come)
+    assert flight.pe.version == BUNDLE.version
+
+
+def test_a_transfer_that_was_cut_off_goes_on_where_it_was() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.pe.programs.received[32:] != bytes(4))
+    before = flight.messages
+    flight.manager.hear(Frame(REQUEST, bytes(8)))  # another client
+    flight.judge()
+    assert flight.messages < MESSAGES + 20
+    assert flight.messages - before < MESSAGES * 2 // 3
+    assert not flight.manager.of(events.CodeNotTaken)
+
+
+@pytest.mark.parametrize(
+    ("error", "why"), [(7, "it is not for this PE"), (5, "its disk"), (63, "it gives the error 63")]
+)
+def test_a_pe_that_refuses_it_is_told_once_and_tried_less_and_less(error: int, why: str) -> None:
+    flight = Flight(error=error)
+    assert not flight.fly(flight.has_come, 40_000 * MS)
+    (told,) = flight.manager.of(events.CodeNotTaken)
+    assert told.why.startswith(why)
+    assert flight.manager.core.status()["code"][PE].startswith(why)
+    assert f"module:{MODULE}@{PE}" in flight.manager.core.now.down
+    tries = flight.messages // MESSAGES
+    assert 2 <= tries <= 6
+
+
+def test_code_that_the_pe_has_and_does_not_run_is_no_arrival() -> None:
+    flight = Flight()
+    flight.pe.never_starts = True
+    assert not flight.fly(flight.has_come, 20_000 * MS)
+    assert flight.manager.of(events.CodeNotTaken)[0].why.startswith("it has taken the code, and does not use it")
+
+
+def test_a_loader_that_never_ends_its_work_is_given_up() -> None:
+    flight = Flight()
+    flight.pe.never_ends = True
+    assert not flight.fly(flight.has_come, 90_000 * MS)
+    assert flight.manager.of(events.CodeNotTaken)[0].why == "its loader does not end its work"
+
+
+def test_a_pe_without_an_sdo_server_is_told() -> None:
+    flight = Flight(lambda _: [], 0)
+    flight.manager.pass_time(30_000 * MS)
+    assert [one.why for one in flight.manager.of(events.CodeNotTaken)] == ["it did not answer"]
+
+
+def test_code_that_is_there_already_is_not_sent_again() -> None:
+    flight = Flight()
+    flight.pe.version = BUNDLE.version
+    flight.pe.programs.changed(ProgramState(BUNDLE.version))
+    flight.judge()
+    assert flight.messages < 6
+
+
+def test_the_most_critical_code_and_the_bundle_that_holds_most_come_first() -> None:
+    small = CodeBundle("small", 9, frozenset((IMAGE,)), b"small")
+    flight = Flight(bundles=(small, replace(BUNDLE, images=frozenset((IMAGE, "other")))))
+    flight.judge()
+
+
+def test_a_bundle_that_is_larger_than_the_flash_is_not_sent() -> None:
+    large = replace(BUNDLE, content=bytes(65 << 10))
+    flight = Flight(bundles=(large,))
+    assert not flight.fly(flight.has_come, 10_000 * MS)
+    assert "more than its flash" in flight.manager.of(events.CodeNotTaken)[0].why
+    assert flight.messages == 0
+
+
+def test_nothing_is_brought_without_bundles_or_for_other_images() -> None:
+    assert not Flight(bundles=()).fly(lambda: False, 10_000 * MS)
+    flight = Flight(bundles=(replace(BUNDLE, images=frozenset(("another",))),))
+    assert not flight.fly(lambda: flight.messages > 0, 10_000 * MS)
+    assert not OneManager().core.hears(REQUEST)
+    assert flight.manager.core.hears(REQUEST)
+
+
+def test_no_code_is_brought_to_a_pe_that_is_lost_and_it_goes_on_when_it_is_back() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > MESSAGES // 2)
+    page = flight.manager.running[PE]
+    flight.manager.die(PE)
+    assert not flight.fly(flight.has_come, 5_000 * MS)
+    assert flight.manager.of(events.PeLost)
+    flight.manager.running[PE] = page
+    assert flight.fly(flight.has_come)
+
+
+def test_a_manager_that_falls_silent_forgets_what_it_brings() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > MESSAGES // 2)
+    for pe in list(flight.manager.running):
+        flight.manager.die(pe)
+    flight.manager.pass_time(3_000 * MS)
+    assert not flight.manager.core.is_active
+    assert flight.manager.core._code.status() == {}
+
+
+@pytest.mark.parametrize("after", [0, MESSAGES // 2])
+def test_a_bus_without_room_waits_and_says_so(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages >= after)
+    with monkeypatch.context() as full:
+        full.setattr(Pace, "period_ns", lambda _self, _node: None)
+        assert not flight.fly(flight.has_come, 10_000 * MS)
+    assert [one.why for one in flight.manager.of(events.CodeNotTaken)] == [
+        "beside what runs the bus has no room for it"
+    ]
+    flight.judge()
+
+
+def requests(flight: Flight) -> int:
+    return sum(one.can_id == REQUEST for one in flight.manager.frames)
+
+
+@pytest.mark.parametrize("after", [0, MESSAGES // 2])
+def test_no_segment_is_sent_while_a_configuration_is_on_its_way(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages >= after)
+    with monkeypatch.context() as held:
+        held.setattr(Pace, "is_held", lambda _self: True)
+        before = requests(flight)
+        flight.fly(longest_ns=300 * MS)
+        assert requests(flight) == before
+    flight.judge()
+
+
+def test_with_a_key_each_write_follows_an_unlock() -> None:
+    manager = OneManager(key=KEY, bundles=(BUNDLE,))
+    assert manager.core._code._key is KEY
+    flight = Flight(spec=two_tails())
+    code = flight.manager.core._code
+    code._key = KEY  # the manager's other frames stay unproven, so that the test can play the PEs
+    unlocks = lambda: [one for one in flight.manager.said(Control) if one.operation is Operation.UNLOCK]  # noqa: E731
+    flight.judge()
+    assert len(unlocks()) == 3  # two parts, and the start
+    assert {(one.node, one.a) for one in unlocks()} == {(NODE, 5)}
+
+
+def test_the_digest_is_that_of_the_bundle() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.pe.programs.received[32:] != bytes(4))
+    assert flight.pe.programs.received[:32] == sha256(CONTENT).digest()
+
+
+def test_what_is_on_its_way_is_shown() -> None:
+    flight = Flight()
+    shown = {PE: f"nav, version 3: 7000 of {len(CONTENT)} bytes"}
+    assert flight.fly(lambda: flight.manager.core.status()["code"] == shown)
+
+
+def test_another_client_goes_first_while_the_pe_is_asked_too() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > 0)
+    flight.manager.hear(Frame(ANSWER + 1, bytes(8)))
+    flight.manager.hear(Frame(sdo_request_id(NODE + 1), bytes(8)))
+    flight.manager.hear(Frame(REQUEST, bytes(8)))
+    flight.judge()
+    assert not flight.manager.of(events.CodeNotTaken)
+
+
+def test_a_lack_that_the_operator_has_cleared_is_forgotten_and_other_lacks_stay() -> None:
+    flight = Flight(error=7)
+    flight.manager.report("left", replace(LACK, index=1))  # a module whose image is in no bundle
+    flight.fly(lambda: bool(flight.manager.of(events.CodeNotTaken)))
+    say(flight.manager, ClearElement(f"module:{MODULE}@{PE}"))
+    flight.fly(longest_ns=2_000 * MS)
+    assert flight.manager.core.status()["code"] == {}
+    flight.pe.error = 0
+    flight.manager.report(PE, LACK)
+    assert flight.fly(flight.has_come)
+    assert flight.manager.core.now.down == {"module:drive_left"}
+
+
+def test_no_code_is_brought_while_a_table_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Flight()
+    with monkeypatch.context() as busy:
+        busy.setattr(TableBringing, "is_busy", property(lambda _self: True))
+        assert not flight.fly(lambda: flight.messages > 0, 10_000 * MS)
+    flight.judge()
