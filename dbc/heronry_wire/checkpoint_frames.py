@@ -30,6 +30,7 @@ restarted waits for the next frame 0. Nothing here raises an exception for any b
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import checkpoint_id
@@ -48,6 +49,25 @@ DIGEST_BYTES = 8
 """Length of the digest of a module's code."""
 
 ROUNDS = 256
+
+
+class Lack(IntEnum):
+    """Why a module has started without its state (below 16), or why its state cannot be saved."""
+
+    NO_STATE = 1  # none was saved here, and none has come from another PE
+    TOO_OLD = 2
+    OTHER_CODE = 3  # another version of the code has saved it, or it is damaged
+    REFUSED = 4  # `restore` has raised an exception, or hung
+    RAISES = 16  # `save` raises an exception
+    HANGS = 17
+    TOO_LONG = 18
+    NO_NUMBERS = 19  # `save` gives something else than numbers, or an infinite one, or NaN
+
+    @property
+    def is_of_save(self) -> bool:
+        """Tell whether the state cannot be saved."""
+        return self >= Lack.RAISES
+
 
 _PLACE = (Field("module", 8), Field("round", 8), Field("frame", 8))
 HEAD = Layout("CHECKPOINT_HEAD", *_PLACE, Field("length", 16, unit="byte"), Field("crc", 24))

@@ -125,6 +125,8 @@ class FaultCode(IntEnum):
     UNKNOWN_INPUT = 0xFF0F  # not a fault: this module reads a misspelt input, which it can never get
     PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
     PRIORITY_REQUEST = 0xFF11  # not a fault: a module requests another priority of a function
+    STATE_RESTORED = 0xFF12  # not a fault: this module has started from its checkpoint; the detail is its age in ms
+    STATE_LACKING = 0xFF13  # not a fault: this module has started without a state, or has no checkpoint (`Lack`)
 
 
 EVERYWHERE = 0  # in the place of CLEAR and HOLDS: the element as a whole

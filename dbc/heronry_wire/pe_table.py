@@ -39,6 +39,7 @@ from itertools import chain
 from types import UnionType
 from typing import Any, Literal, Self, Union, get_args, get_origin
 
+from heronry_wire.checkpoint_frames import MOST_CHECKPOINTS, MOST_STATE_BYTES
 from heronry_wire.contingency_block import Preloaded, read_block
 from heronry_wire.errors import HeronryError, on_one_line
 from heronry_wire.identifiers import GATEWAY_IDS, PE_NODES, Use, classify
@@ -56,12 +57,13 @@ _CHECK_SUM = "sha256"  # the key of the check sum
 _COMPACT = (",", ":")
 
 
-def added_in(minor: int, default: Any) -> Any:
+def added_in(minor: int, default: Any, *, told_if_any: bool = False) -> Any:
     """Declare a field of a table that this minor of the protocol added.
 
     default: what a table of an older minor means; a PE of an older minor behaves so, whatever the field says.
+    told_if_any: whether the text of a table leaves the field out if it has its default.
     """
-    return field(default=default, metadata={"since": minor, **OUTSIDE_IDENTITY})
+    return field(default=default, metadata={"since": minor, "told_if_any": told_if_any, **OUTSIDE_IDENTITY})
 
 
 class TableError(HeronryError, ValueError):
@@ -167,6 +169,20 @@ class DriverEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class CheckpointEntry:
+    """The checkpoints of a module, as one PE sends them, keeps them, or forwards them as a gateway."""
+
+    module: int  # index
+    number: int  # of the module among those with checkpoints (`checkpoint_frames`)
+    data_bytes: int  # of the longest state
+    period_ns: int  # from one round to the next
+    gap_ns: int  # from one frame of a round to the next
+    max_age_ns: int
+    late_ns: int | None  # most from `save` until the last frame arrives here; None: it has no bound
+    towards: tuple[tuple[int, ...], ...]  # by port: node-IDs of the module's possible PEs that are reached through it
+
+
+@dataclass(frozen=True, slots=True)
 class PhaseEntry:
     """A mission phase, and the rule by which it is entered: `variable` is above or below a threshold for `hold_ns`."""
 
@@ -208,6 +224,8 @@ class PeTable:
     command_period_ns: int = field(default=0, metadata=OUTSIDE_IDENTITY)
     # Of this PE's devices, those of whose driver the spec says something.
     drivers: tuple[DriverEntry, ...] = added_in(2, ())
+    # Of the modules that may run here, and of those whose states this PE forwards.
+    checkpoints: tuple[CheckpointEntry, ...] = added_in(3, (), told_if_any=True)
 
     @cached_property
     def identity(self) -> bytes:
@@ -292,7 +310,11 @@ def _checked_version(raw: dict[str, Any]) -> Version:
 
 
 def _record(one: Any) -> dict[str, Any]:
-    return {f.name: getattr(one, f.name) for f in fields(type(one))}
+    told = {f.name: getattr(one, f.name) for f in fields(type(one))}
+    for f in fields(type(one)):
+        if f.metadata.get("told_if_any") and told[f.name] == f.default:
+            del told[f.name]
+    return told
 
 
 def _identifying(one: Any) -> dict[str, Any]:
@@ -302,7 +324,7 @@ def _identifying(one: Any) -> dict[str, Any]:
 def _check(table: PeTable) -> None:
     known = {device.name for device in table.devices}
     drivers = (fault for driver in table.drivers for fault in _driver_faults(driver, known))
-    for fault in chain(_faults(table), drivers):
+    for fault in chain(_faults(table), drivers, _checkpoint_faults(table)):
         raise TableError(f"{fault}; {_REMEDY}")
 
 
@@ -349,6 +371,22 @@ def _driver_faults(driver: DriverEntry, devices: Collection[str]) -> Iterator[st
         options = None
     if not isinstance(options, dict):
         yield f"the options of device {driver.device} are not a JSON object"
+
+
+def _checkpoint_faults(table: PeTable) -> Iterator[str]:
+    names = dict(enumerate(table.module_names))
+    for one in table.checkpoints:
+        subject = f"the checkpoint of module {names.get(one.module, one.module)}"
+        if one.module not in names:
+            yield f"{subject} is of no module of module_names"
+        if not 0 <= one.number < MOST_CHECKPOINTS or not 0 < one.data_bytes <= MOST_STATE_BYTES:
+            yield f"{subject} has number {one.number} and {one.data_bytes} bytes, which do not fit into its frames"
+        if min(one.period_ns, one.gap_ns, one.max_age_ns) <= 0 or (one.late_ns or 0) < 0:
+            yield f"{subject} has a time that is not above 0"
+        if len(one.towards) != len(table.ports) or any(node not in PE_NODES for way in one.towards for node in way):
+            yield f"{subject} goes to ports or nodes that do not exist"
+    if len({one.number for one in table.checkpoints}) != len(table.checkpoints):
+        yield "two checkpoints have the same number"
 
 
 def _port_faults(port: Port) -> Iterator[str]:
@@ -409,9 +447,13 @@ class _Reader:
             return raw
         raise TableError(f"{where} holds {reprlib.repr(raw)}, which has the wrong type; {_REMEDY}")
 
+    def _needs(self, metadata: Mapping[str, Any]) -> bool:
+        """Tell whether a table of this minor must have a field with this metadata."""
+        return metadata.get("since", 0) <= self.minor and not metadata.get("told_if_any", False)
+
     def _record(self, kind: Any, raw: dict[str, Any], where: str) -> Any:
         known = {f.name: f for f in fields(kind)}
-        missing = [name for name, f in known.items() if name not in raw and f.metadata.get("since", 0) <= self.minor]
+        missing = [name for name, f in known.items() if name not in raw and self._needs(f.metadata)]
         unknown = [name for name in raw if name not in known] if self.minor <= PROTOCOL.minor else []
         odd = sorted(missing + unknown)
         if odd:

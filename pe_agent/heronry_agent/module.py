@@ -191,3 +191,20 @@ class Module:
         Return True to go on with this object and its state, False to have a new object made.
         """
         return False
+
+    def save(self) -> tuple[float, ...]:
+        """Return the state from which another object of this class can go on, as finite numbers; (): there is none yet.
+
+        Called after a step, as often as `checkpoint` in the spec says; override it together with `restore`. It must be
+        short: it takes the time of the module's partition. If it raises an exception, or takes more than 50 ms, the
+        module runs on, and its state is not kept.
+        """
+        raise NotImplementedError("the module has a checkpoint in the spec, but no method `save`")
+
+    def restore(self, state: tuple[float, ...], age_ns: int) -> None:
+        """Go on from a state that `save` of the same version of this class has returned, on this PE or another.
+
+        Called before the first step. If it raises an exception, a new object is made, which starts without a state.
+        age_ns: time since the state was saved, at most `max_age_ms` of the spec; it may be less by the time of a frame.
+        """
+        raise NotImplementedError("the module has a checkpoint in the spec, but no method `restore`")

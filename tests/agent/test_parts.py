@@ -176,6 +176,40 @@ def test_a_limited_output_arrives() -> None:
     assert rig.run(0.5, elevator_demand=9.0) == {"elevator_demand": 9.0}
 
 
+# Parts with a state
+
+
+def test_a_filter_follows_its_input_with_its_lag() -> None:
+    rig = Rig("pitch_filter")
+    assert rig.module.save() == ()
+    assert rig.step(pitch_angle=None) == {}
+    assert rig.step(pitch_angle=2.0) == {"pitch_angle": 2.0}
+    covered = (float(rig.run(0.5, pitch_angle=3.0)["pitch_angle"]) - 2.0) / 1.0  # type: ignore[arg-type]
+    assert covered == pytest.approx(1 - math.exp(-1), abs=0.02)
+
+
+def test_an_integrator_adds_up_within_its_limits() -> None:
+    rig = Rig("pitch_trim")
+    assert rig.run(2.0, pitch_angle=5.0)["elevator_demand"] == pytest.approx(-2.0)
+    assert rig.run(1.0, pitch_angle=None)["elevator_demand"] == pytest.approx(-2.0)
+    assert rig.run(60.0, pitch_angle=5.0)["elevator_demand"] == -15.0
+    assert rig.run(60.0, pitch_angle=-30.0)["elevator_demand"] == 15.0
+
+
+@pytest.mark.parametrize("image", ["pitch_filter", "pitch_trim"])
+def test_another_object_goes_on_from_the_state(image: str) -> None:
+    here, there = Rig(image), Rig(image)
+    here.run(3.0, pitch_angle=4.0)
+    there.module.restore(here.module.save(), 200_000_000)
+    assert there.step(pitch_angle=4.0) == here.step(pitch_angle=4.0)
+
+
+def test_a_state_beyond_the_limits_is_limited() -> None:
+    rig = Rig("pitch_trim")
+    rig.module.restore((99.0,), 0)
+    assert rig.module.save() == (15.0,)
+
+
 def test_a_sensor_that_says_the_same_for_long_is_stuck() -> None:
     rig = Rig("pressure_stuck")
     for tick in range(100):

@@ -394,3 +394,53 @@ def test_what_a_spec_says_of_a_driver_is_in_the_table_of_its_pe_completed() -> N
     assert (right.least, right.most, right.per_s, right.safe) == (None, None, 2.0, "release")
     assert compiler.table("middle").drivers == ()
     assert Compiler(two_tails()).table("left").drivers == ()
+
+
+# Checkpoints
+
+
+def test_a_pe_is_told_of_the_states_that_it_sends_keeps_and_forwards() -> None:
+    text = """
+dg: 1
+name: kept
+buses: {near: {bitrate: 500000}, far: {bitrate: 500000}, air: {bitrate: 500000, kind: wireless}}
+pes:
+  a: {node_id: 92, buses: [near], cpu: 1, ram: 1MiB, flash: 1MiB}
+  b: {node_id: 93, buses: [near, far], cpu: 1, ram: 1MiB, flash: 1MiB}
+  c: {node_id: 94, buses: [far, air], cpu: 1, ram: 1MiB, flash: 1MiB}
+  d: {node_id: 95, buses: [air], cpu: 1, ram: 1MiB, flash: 1MiB}
+modules:
+  plain: {cpu: 0.1, ram: 1KiB, rate_hz: 10}
+  m: {runs_on: [a, c], cpu: 0.1, ram: 1KiB, rate_hz: 10, checkpoint: {bytes: 16, hz: 5, max_age_ms: 900}}
+  n: {runs_on: [c, d], cpu: 0.1, ram: 1KiB, rate_hz: 10, checkpoint: {bytes: 8, hz: 2, max_age_ms: 900}}
+functions: {f: {output: m}, g: {output: n}, h: {output: plain}}
+"""
+    compiler = Compiler(loads(text, "kept.dg.yaml"))
+    told = {pe: [(one.module, one.number, one.towards) for one in compiler.table(pe).checkpoints] for pe in "abcd"}
+    assert told == {
+        "a": [(1, 0, ((94,),))],
+        "b": [(1, 0, ((92,), (94,)))],
+        "c": [(1, 0, ((92,), ())), (2, 1, ((), ()))],  # no state crosses a radio
+        "d": [(2, 1, ((),))],
+    }
+    (of_a,), (of_b,) = compiler.table("a").checkpoints, compiler.table("b").checkpoints
+    assert (of_a.data_bytes, of_a.period_ns, of_a.gap_ns, of_a.max_age_ns) == (16, 200 * 10**6, 10**6, 900 * 10**6)
+    assert of_a.late_ns is not None
+    assert of_b.late_ns is not None
+    assert of_a.late_ns > of_b.late_ns > 4 * 10**6
+    assert compiler.table("d").checkpoints[0].late_ns == 0
+
+
+def test_a_bus_that_may_be_full_gives_a_state_no_bound() -> None:
+    text = """
+dg: 1
+name: full
+buses: {can0: {bitrate: 500000, max_load: 1}}
+pes:
+  a: {node_id: 92, buses: [can0], cpu: 1, ram: 1MiB, flash: 1MiB}
+  b: {node_id: 93, buses: [can0], cpu: 1, ram: 1MiB, flash: 1MiB}
+modules: {m: {cpu: 0.1, ram: 1KiB, rate_hz: 10, checkpoint: {bytes: 16, hz: 5, max_age_ms: 900}}}
+functions: {f: {output: m}}
+"""
+    (told,) = Compiler(loads(text, "full.dg.yaml")).table("a").checkpoints
+    assert (told.late_ns, told.towards) == (None, ((93,),))

@@ -126,7 +126,10 @@ RULES = [
     Rule(r"heronry diff HEAD:dg_specs/big_blue.*", How.RUN, is_long=True),  # render.md has it with a smaller spec
     Rule(r"heronry (plan|verify|table|dbc|eds|check|render|diff|pcs)\b.*", How.RUN),
     Rule(r"heronry key \w+\.key|heronry new glider", How.RUN),
-    Rule(r"heronry module try state_estimator .*", How.RUN),
+    Rule(r"heronry module try (state_estimator|pitch_trim) .*", How.RUN),
+    Rule(r"heronry bus dg_specs/examples/.*", How.RUN),
+    Rule(r"python -m lab\.checkpoints\.kills .*", How.RUN, more="--kills 2", is_long=True),
+    Rule(r"python -m lab\.checkpoints\.live.*", How.EXEMPT, "tests/live/test_checkpoints.py flies it"),
     Rule(r"heronry exhaust\b.* --count", How.RUN, is_long=True),  # test_exhaust_command.py counts
     Rule(r"heronry exhaust\b.*", How.RUN, more="--sample 2 --pairs 1"),
     Rule(r"python -m lab\.benches\.endurance\b.*", How.RUN, more="--hours 0.002 --reboots 3", is_long=True),

@@ -52,12 +52,57 @@ class Leaving(Module):
 """
 
 
+STATEFUL = """
+from heronry_agent.module import Module
+
+
+class Counting(Module):
+    count = 0
+
+    def step(self, inputs):
+        self.count += 1
+        return {"count": self.count}
+
+    def save(self):
+        return (self.count, 2.5, -1)
+
+    def restore(self, state, age_ns):
+        self.count = int(state[0])
+
+
+class Early(Counting):
+    def save(self):
+        return ()
+
+
+class Unsaved(Counting):
+    def save(self):
+        return (float("nan"),)
+
+
+class Unrestored(Counting):
+    def restore(self, state, age_ns):
+        raise LookupError("another time")
+
+
+class Unbuilt(Counting):
+    built = False
+
+    def __init__(self, ctx):
+        super().__init__(ctx)
+        if Unbuilt.built:
+            raise LookupError("only once")
+        Unbuilt.built = True
+"""
+
+
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """A folder with a module, whose name no other test uses."""
     name = f"speed_{abs(hash(tmp_path))}"
     (tmp_path / f"{name}.py").write_text(SPEED)
     (tmp_path / f"{name}_unfit.py").write_text("import no_such_package\n")
+    (tmp_path / f"{name}_state.py").write_text(STATEFUL)
     (tmp_path / f"{name}_typo.py").write_text("def step(:\n")
     monkeypatch.chdir(tmp_path)
     return name
@@ -185,3 +230,31 @@ def test_a_mistake_on_the_command_line_is_one_sentence(
 ) -> None:
     assert main(["module", "try", f"{folder}:Speed", *arguments]) == 2
     assert sentence in capsys.readouterr().err
+
+
+SIZES = "state: 24 bytes, 6 frames on a bus each time; in the spec: checkpoint: {bytes: 24, hz: ..., max_age_ms: ...}"
+
+
+@pytest.mark.parametrize(
+    ("image", "code", "says"),
+    [
+        ("Counting", 0, f"{SIZES}\nstate: restored by a new object\n"),
+        ("Early", 0, "state: none yet; save returns nothing after these steps\n"),
+        ("Unsaved", 1, "state: cannot be saved (NO_NUMBERS): save gives (nan,); return a tuple of finite numbers\n"),
+        ("Unrestored", 1, f"{SIZES}\nstate: cannot be restored (REFUSED): LookupError: another time"),
+        ("Unbuilt", 1, SIZES),
+    ],
+)
+def test_a_state_is_saved_and_restored(
+    image: str, code: int, says: str, folder: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["module", "try", f"{folder}_state:{image}"]) == code
+    assert says in capsys.readouterr().out
+    assert main(["module", "try", f"{folder}_state:{image}", "--json"]) in (0, 1)
+    document = json.loads(capsys.readouterr().out)
+    assert document["state"] is None or document["state"]["restored"] is (image == "Counting")
+
+
+def test_a_class_without_save_has_no_state(folder: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["module", "try", f"{folder}:Requesting", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["state"] is None

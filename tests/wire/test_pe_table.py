@@ -225,6 +225,44 @@ def test_a_port_that_cannot_be_is_refused(key: str, value: int, says: str) -> No
     assert says in refused(changed(("ports", 0, key), value))
 
 
+CHECKPOINT = {
+    "module": 0, "number": 3, "data_bytes": 24, "period_ns": 10, "gap_ns": 1, "max_age_ns": 5, "late_ns": None,
+    "towards": [[93]],
+}  # fmt: skip
+
+
+def test_checkpoints_are_told_only_where_there_are_any() -> None:
+    assert "checkpoints" not in content()
+    text = changed(("checkpoints",), [CHECKPOINT])
+    table = PeTable.from_json(text)
+    assert (table.checkpoints[0].number, table.checkpoints[0].towards) == (3, ((93,),))
+    assert table.to_json() == text
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"module": 999}, "the checkpoint of module 999 is of no module of module_names"),
+        ({"number": 256}, "has number 256 and 24 bytes, which do not fit into its frames"),
+        ({"number": -1}, "has number -1"),
+        ({"data_bytes": 0}, "and 0 bytes, which do not fit"),
+        ({"data_bytes": 1276}, "and 1276 bytes, which do not fit"),
+        ({"period_ns": 0}, "has a time that is not above 0"),
+        ({"gap_ns": 0}, "has a time that is not above 0"),
+        ({"max_age_ns": 0}, "has a time that is not above 0"),
+        ({"late_ns": -1}, "has a time that is not above 0"),
+        ({"towards": []}, "goes to ports or nodes that do not exist"),
+        ({"towards": [[91]]}, "goes to ports or nodes that do not exist"),
+    ],
+)
+def test_a_checkpoint_that_cannot_be_is_refused(wrong: dict[str, Json], says: str) -> None:
+    assert says in refused(changed(("checkpoints",), [{**CHECKPOINT, **wrong}]))
+
+
+def test_two_checkpoints_do_not_share_a_number() -> None:
+    assert "two checkpoints have the same number" in refused(changed(("checkpoints",), [CHECKPOINT, CHECKPOINT]))
+
+
 # Check sum, and growth
 
 

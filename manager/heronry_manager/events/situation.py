@@ -138,6 +138,41 @@ class UnknownInput(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class StateRestored(Event):
+    """The module has started from its checkpoint."""
+
+    module: str
+    by: Annotated[str, "the PE of the module"]
+    age_ms: Annotated[int, "age of the state, at most"]
+
+
+@dataclass(frozen=True, slots=True)
+class StateLacking(Event):
+    """The module has a checkpoint in the spec, but has started without a state."""
+
+    module: str
+    by: Annotated[str, "the PE of the module"]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class StateNotSaved(Event):
+    """The state of the module cannot be saved; the module runs on."""
+
+    module: str
+    by: Annotated[str, "the PE of the module"]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class StateSaved(Event):
+    """The state of the module can be saved again, or the module does not run there any more."""
+
+    module: str
+    by: Annotated[str, "the PE of the module"]
+
+
+@dataclass(frozen=True, slots=True)
 class InputSilent(Event):
     """A wired input of a running module has had no datum for five periods, at least T_lease."""
 

@@ -7,6 +7,7 @@ Each room decides one matter. A room imports only what stands below it; rooms in
     inbound, command_acceptance,   which part takes a frame, which one executes a command, what the state frames say;
     condition, canopen             answers to tools of other makers
     modules                        what runs, when, and what follows when it fails
+    checkpoints                    which state of a module is kept and sent, and with which one it starts
     configuration, authority       what is to run next; whose commands count, and what may be driven
     forwarding, reports            which frames go from bus to bus; what is told until it is acknowledged
 

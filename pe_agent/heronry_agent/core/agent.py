@@ -6,7 +6,7 @@ Each part of the agent has a file of its own, and decides one matter:
     command_acceptance, followed_manager               which commands to accept
     staging                                            what to run next
     active_configuration                               how the next configuration replaces the present one
-    running_modules                                    what runs
+    running_modules, checkpoints                       what runs, and with which state it starts
     output_authorization, exclusive_frames             whether exclusive outputs are authorized
     condition, reporting, faults, canopen_node         what to report
     gateway, radios                                    what to forward
@@ -59,6 +59,9 @@ from heronry_agent.core.vocabulary import (
     ProgramChanged,
     ProgramState,
     StartFailed,
+    StateLacking,
+    StateRestored,
+    StateSaved,
     StepFailed,
     StepMeasured,
     Stepped,
@@ -292,6 +295,8 @@ class AgentCore:
                 return
             case AtRest(module):
                 modules.rests.came(module)
+            case StateSaved() | StateRestored() | StateLacking():
+                modules.checkpoints.take(event)
             case NotReady():
                 modules.not_ready(event)
             case StepMeasured():

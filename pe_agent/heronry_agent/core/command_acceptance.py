@@ -137,6 +137,7 @@ class CommandAcceptance:
             self.output_authorization.named(
                 read[1], self.turn.arrived_ns, has_activated=self.followed_manager.has_activated
             )
+            self.modules.checkpoints.named(frame.data)
             meaning = without_sequence(frame.data)
             self.turn.do(*self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns))
 

@@ -33,6 +33,7 @@ class Deadlines:
         due_ns = min(due_ns, self.staging.ask_ns)
         due_ns = min(due_ns, self.canopen.next_ns)
         due_ns = min(due_ns, self.without_manager.next_ns)
+        due_ns = min(due_ns, self.modules.checkpoints.next_ns)
         return min(due_ns, self.channels.next_ns)
 
     def tick(self) -> None:
@@ -53,5 +54,7 @@ class Deadlines:
             self.state_reports.tick()
         if now_ns >= self.modules.faults.next_ns:
             self.modules.repeat_faults()
+        if now_ns >= self.modules.checkpoints.next_ns:
+            self.modules.checkpoints.tick()
         if now_ns >= self.channels.next_ns:
             self.channels.tick()

@@ -2,8 +2,8 @@
 
 There are two kinds of handlers:
 
-    fixed    for state frames and output echoes of other PEs; for commands (with a key, `authenticity` first verifies
-             them); for requests to the CANopen and node services; for reports from beyond a gateway
+    fixed    for states, output echoes and checkpoints of other PEs; for commands (with a key, `authenticity` verifies
+             them first); for requests to the CANopen and node services; for reports from beyond a gateway
     data     for the data that this PE reads or forwards in its present configuration. These handlers are made anew with
              each activation step (`rewire`)
 
@@ -86,6 +86,7 @@ class Inbound:
     ) -> dict[int, Handler]:
         handlers: dict[int, Handler] = dict.fromkeys(self._gateway.rising_ids, self._from_beyond)
         handlers |= dict.fromkeys(map(state_id, PE_NODES), self._state)
+        handlers |= dict.fromkeys(self._modules.checkpoints.identifiers, self._modules.checkpoints.heard)
         handlers |= dict.fromkeys(_echo_ids(self._index.table, followed), self._echo)
         handlers |= commands if self._authenticity is None else self._authenticity.guarded(commands)
         handlers |= services
@@ -100,7 +101,7 @@ class Inbound:
         return handlers
 
     def _quiet_ids(self) -> frozenset[int]:
-        quiet = (self._state, self._echo, self._from_beyond, self._forward)
+        quiet = (self._state, self._echo, self._from_beyond, self._forward, self._modules.checkpoints.heard)
         often = (self._datum,) if self._authenticity is None else (self._datum, self._authenticity.hold)
         return frozenset(
             identifier

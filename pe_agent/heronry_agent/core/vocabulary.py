@@ -3,7 +3,9 @@
 The driver answers five of the actions; no other action has an answer:
 
     StepModule    `Stepped`, `StepFailed` or `NotReady`, or the `PartitionEnded` of the module's partition
-    StartModule   `StartFailed` if the start has failed; a start that succeeds has no answer
+    StartModule   `StartFailed` if the start has failed. A start that succeeds has no answer, unless the order has
+                  `kept` and the module was built: then `StateRestored` or `StateLacking`
+    SaveState     `StateSaved` or `StateLacking`; none if the module does not run
     MeasureStep   `StepMeasured`
     Drive         `Driven` if the device has moved; `DriveFailed` if the device could not execute the command
     StopModule    `AtRest` when the device has taken its safe action, if the core was told that this may take time
@@ -18,6 +20,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from heronry_agent.module import Datum, Value
+from heronry_wire.checkpoint_frames import Lack, SentState
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import NEVER_NS, Received, Send, StandBack, Tick, Withdraw
 from heronry_wire.standstill import StoodStill
@@ -45,6 +48,47 @@ class Stepped(NamedTuple):
     spent_ns: int = 0
     priorities: tuple[tuple[str, int], ...] = ()
     misspelt_inputs: tuple[tuple[str, str], ...] = ()
+
+
+class KeptState(NamedTuple):
+    """A state of a module from which it may start.
+
+    since_ns: the state was saved at this time or later. until_ns: time after which it is too old.
+    """
+
+    state: SentState
+    since_ns: int
+    until_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class StateSaved:
+    """The state of a module, as SaveState ordered it; `round` repeats that of the order.
+
+    code: digest of the module's code, DIGEST_BYTES bytes. data: empty if the module has no state yet.
+    """
+
+    module: int
+    round: int
+    code: bytes
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class StateRestored:
+    """A module has started from its state, which was at most `age_ns` old."""
+
+    module: int
+    age_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class StateLacking:
+    """A module has started without its state, or its state cannot be saved; `reason` is one line, or empty."""
+
+    module: int
+    lack: Lack
+    reason: str = ""
 
 
 class Failure(NamedTuple):
@@ -170,11 +214,25 @@ class AtRest:
 
 @dataclass(frozen=True, slots=True)
 class StartModule:
-    """Build a module, or continue a module that StopModule has kept; `mode` is an index into `entry.modes`."""
+    """Build a module, or continue a module that StopModule has kept; `mode` is an index into `entry.modes`.
+
+    kept: the state from which a module with a checkpoint starts if it is built, or why there is none. None: the module
+    has no checkpoint, or must forget its state.
+    """
 
     module: int
     entry: ModuleEntry
     mode: int
+    kept: KeptState | Lack | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SaveState:
+    """Save the state of a module after the step that was ordered last; at most `most_bytes` bytes."""
+
+    module: int
+    round: int
+    most_bytes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,6 +313,7 @@ class ChannelsLost(NamedTuple):
     channels: frozenset[int]
 
 
+StateEvent = StateSaved | StateRestored | StateLacking
 ModuleEvent = (  # what the host of modules reports, with what its loader reports
     Stepped
     | StepFailed
@@ -268,6 +327,7 @@ ModuleEvent = (  # what the host of modules reports, with what its loader report
     | Driven
     | DriveFailed
     | AtRest
+    | StateEvent
 )
 Event = Received | Tick | Left | ChannelsLost | StoodStill | ModuleEvent
 Action = (
@@ -277,6 +337,7 @@ Action = (
     | StartModule
     | StopModule
     | StepModule
+    | SaveState
     | MeasureStep
     | EndPartition
     | Drive

@@ -9,4 +9,6 @@ element as failed only after the fault has lasted for `patience_ns` without a br
 start, when some data have come and others have not. While the fault lasts, the report is repeated every `patience_ns`.
 The manager latches the fault, so a repetition changes nothing. A restart of the module delays the report by at most
 `patience_ns`.
+
+`states` has parts of another kind: a filter and an integrator, whose state a checkpoint keeps.
 """

@@ -3,8 +3,9 @@
 This code runs modules both in a partition of a node and in the process of the simulator. It uses no bus, no table and
 no other process, and turns an exception of a module into a `Failure`. A module is
 
-    built    by `start`, from its image. If the module was kept, `start` first calls its `mode_changed`. If this returns
-             True, the module is not built, but continues with its present object
+    built    by `start`, from its image; a module with a checkpoint then goes on from its state (`module_states`). If
+             the module was kept, `start` first calls its `mode_changed`. If this returns True, the module is not built,
+             but continues with its present object
     stepped  by `step`. Its outputs, writes, reports and requests are returned as one Result; only their form is checked
     kept     by `stop(keep=True)`. A kept module is not stepped until `start` continues it
     dropped  by `stop`, whether the module runs or is kept
@@ -19,13 +20,16 @@ place where the library was called.
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from heronry_agent.core.vocabulary import Failure
+from heronry_agent.core.vocabulary import Failure, KeptState, StateLacking, StateRestored, StateSaved
 from heronry_agent.module import DISAGREEMENT, Datum, Module, Value
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
+from heronry_agent.shell.module_states import Limit, ModuleStates
 from heronry_agent.shell.reading_watch import ReadingWatch
+from heronry_wire.checkpoint_frames import Lack
 from heronry_wire.management import MOST_PRIORITY, SPECS_PRIORITY
 
 _MOST_DETAIL = 0xFFFF
@@ -113,9 +117,14 @@ class _Context:
 class ModuleRunner:
     """Builds and steps the modules of one process."""
 
-    def __init__(self, clock: Callable[[], int]) -> None:
-        """Begin without modules; `clock` returns the present time in ns, and is called while modules compute."""
+    def __init__(self, clock: Callable[[], int], within: Limit = nullcontext) -> None:
+        """Begin without modules.
+
+        clock: returns the present time in ns; it is called while modules compute.
+        within: limits the time of `save` and `restore` of a module.
+        """
         self._clock = clock
+        self._states = ModuleStates(within, lambda code, error: failure_of(error, _file_of(type(code))).reason)
         self._classes: dict[str, type[Module]] = {}
         self._running: dict[int, tuple[Module, _Context, str]] = {}
         self._kept: dict[int, tuple[Module, _Context, str]] = {}
@@ -131,11 +140,16 @@ class ModuleRunner:
             return Failure(f"the code cannot be imported: {failure.reason}", failure.traceback)
         return None
 
-    def start(self, module: int, orders: Orders, now_ns: int) -> Failure | None:
+    def start(
+        self, module: int, orders: Orders, now_ns: int, state: KeptState | Lack | None = None
+    ) -> Failure | StateRestored | StateLacking | None:
         """Start a module: continue the object that `stop` has kept, or build a new object.
 
         The kept object continues in the new mode if the image is the same and its `mode_changed` allows this.
-        Returns None, or how importing the image or building the module has failed.
+        state: the state from which a new object goes on, or why there is none; None: the module has no checkpoint.
+
+        Returns None, or how importing the image or building the module has failed. If a new object was built and
+        `state` is given, returns whether it goes on from the state.
         """
         held = self._kept.pop(module, None)
         if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
@@ -146,10 +160,31 @@ class ModuleRunner:
             return missing
         reads = ReadingWatch(orders.needed, orders.known)
         context = _Context(self._clock, orders.name, orders.mode, orders.period_ns, now_ns, orders.device, reads)
+        failure = self._build(module, context, orders.image)
+        if failure is not None or state is None:
+            return failure
+        outcome = self._states.restore(module, self._running[module][0], state, now_ns)
+        if isinstance(outcome, StateLacking) and outcome.lack is Lack.REFUSED:
+            return self._build(module, context, orders.image) or outcome
+        return outcome
+
+    def save(self, module: int, round_number: int, most_bytes: int) -> StateSaved | StateLacking | None:
+        """Save the state of a module, at most `most_bytes` bytes; None: the module does not run.
+
+        round_number: is repeated in the result.
+        """
+        held = self._running.get(module)
+        if held is None:
+            return None
+        return self._states.save(module, held[0], round_number, most_bytes)
+
+    def _build(self, module: int, context: "_Context", image: str) -> Failure | None:
+        """Make a new object of a module; returns None, or how this has failed."""
+        self._running.pop(module, None)
         try:
-            self._running[module] = (self._classes[orders.image](context), context, orders.image)
+            self._running[module] = (self._classes[image](context), context, image)
         except Exception as error:  # noqa: BLE001 - a module's constructor may raise anything
-            return failure_of(error, _file_of(self._classes[orders.image]))
+            return failure_of(error, _file_of(self._classes[image]))
         return None
 
     def stop(self, module: int, *, keep: bool = False) -> None:

@@ -40,6 +40,7 @@ from heronry_agent.shell.partition_messages import (
     Load,
     Loaded,
     Order,
+    Save,
     Start,
     StartRefused,
     Step,
@@ -48,6 +49,8 @@ from heronry_agent.shell.partition_messages import (
     decode_orders,
     encode_answer,
 )
+from heronry_agent.shell.partition_states import state_of
+from heronry_agent.shell.time_limit import time_limit
 from heronry_wire.parent_death import die_with
 
 _PACKET_BYTES = 262_144
@@ -78,11 +81,15 @@ class Partition:
                 self._names[order.module] = order.orders.name
                 self._computes(order.orders.name)
                 self._leaves[order.module] = order.leaves
-                failure = self._runner.start(order.module, order.orders, time.monotonic_ns())
-                if failure is None:
-                    return None
-                _print(failure)
-                return encode_answer(StartRefused(order.module, *failure))
+                outcome = self._runner.start(order.module, order.orders, time.monotonic_ns(), state_of(order.kept))
+                if not isinstance(outcome, Failure):
+                    return None if outcome is None else encode_answer(outcome)
+                _print(outcome)
+                return encode_answer(StartRefused(order.module, *outcome))
+            case Save():
+                self._computes(self._names.get(order.module, ""))
+                saved = self._runner.save(order.module, order.round, order.most_bytes)
+                return None if saved is None else encode_answer(saved)
             case Stop():
                 self._runner.stop(order.module, keep=order.keep)
                 return None
@@ -133,7 +140,7 @@ def main(arguments: list[str]) -> int:
         )  # else what a module prints is lost when the process is killed
     prints = ModulePrints(sys.stdout)  # both outputs of this process lead to its agent (`partition_log`)
     sys.stdout = sys.stderr = prints
-    partition = Partition(ModuleRunner(time.monotonic_ns), prints.of)
+    partition = Partition(ModuleRunner(time.monotonic_ns, time_limit), prints.of)
     with suppress(ConnectionError):  # raised when the agent closes the socket with packets unread
         while packet := os.read(SOCKET, _PACKET_BYTES):
             for answer in partition.accept(packet):

@@ -38,8 +38,12 @@ from heronry_agent.core.vocabulary import (
     ModuleEvent,
     NotReady,
     PartitionEnded,
+    SaveState,
     StartFailed,
     StartModule,
+    StateLacking,
+    StateRestored,
+    StateSaved,
     StepFailed,
     StepMeasured,
     StepModule,
@@ -56,6 +60,7 @@ from heronry_agent.shell.partition_messages import (
     Garbled,
     Load,
     Loaded,
+    Save,
     Start,
     StartRefused,
     Step,
@@ -63,6 +68,7 @@ from heronry_agent.shell.partition_messages import (
     decode_answer,
 )
 from heronry_agent.shell.partition_process import PartitionProcess, used_ns
+from heronry_agent.shell.partition_states import kept_of
 from heronry_agent.shell.start_orders import orders_of
 from heronry_wire.pe_table import ModuleEntry, PeTable
 from heronry_wire.sansio import NEVER_NS
@@ -126,6 +132,8 @@ class PartitionHost:
         match action:
             case StepModule():
                 self._step(action, now_ns)
+            case SaveState():
+                self._save(action)
             case StartModule():
                 return self._start(action, now_ns)
             case StopModule():
@@ -229,7 +237,15 @@ class PartitionHost:
     def _tell_start(self, process: PartitionProcess, action: StartModule) -> None:
         leaves = tuple((leaf.path, leaf.variable) for leaf in action.entry.modes[action.mode].leaves)
         process.refusals_due[action.module] += 1
-        process.send(Start(action.module, orders_of(action), leaves))
+        process.states_due[action.module] += action.kept is not None
+        process.send(Start(action.module, orders_of(action), leaves, kept_of(action.kept)))
+
+    def _save(self, action: SaveState) -> None:
+        """Have a state saved; while the partition loads its code, no step was computed, and there is no new state."""
+        process = self._processes.get(self._entries[action.module].partition)
+        if process is not None and not process.loading:
+            process.states_due[action.module] += 1
+            process.send(Save(action.module, action.round, action.most_bytes))
 
     def _stop(self, action: StopModule) -> None:
         name = self._entries[action.module].partition
@@ -293,6 +309,10 @@ class PartitionHost:
             case StartRefused(module, reason, traceback) if process.refusals_due[module] > 0:
                 process.refusals_due[module] -= 1
                 yield StartFailed(module, reason, traceback)
+                return
+            case StateSaved() | StateRestored() | StateLacking() if process.states_due[answer.module] > 0:
+                process.states_due[answer.module] -= 1
+                yield answer
                 return
             case Loaded(missing) if process.loading:
                 yield from self._loaded(process, missing)

@@ -3,8 +3,10 @@
     order of the agent             answer of the partition
     LOAD    images                 LOADED        images that cannot be loaded, with the reasons
     START   module, leaves, ...    no answer if START has succeeded, else
-                                   START_FAILED  module, reason, traceback
+                                   START_FAILED  module, reason, traceback; of a module with a checkpoint that was
+                                                 built, RESTORED or LACKING (`partition_states`)
     STOP    module, keep           no answer
+    SAVE    module, round, ...     SAVED or LACKING; no answer if the module does not run
     STEP    module, release, ...   STEPPED       release, when it ended, outputs, writes, reports, requests; or
                                    STEP_FAILED   release, reason, traceback
 
@@ -28,8 +30,10 @@ from functools import lru_cache
 from itertools import islice
 from typing import Any, NamedTuple, TypeVar
 
+from heronry_agent.core.vocabulary import StateEvent, StateLacking, StateRestored, StateSaved
 from heronry_agent.module import Value
 from heronry_agent.shell.module_runner import Orders, Result
+from heronry_agent.shell.partition_states import decode_state, encode_state, is_state
 
 SOCKET = 3
 """File descriptor of the socket in the partition."""
@@ -70,11 +74,13 @@ class Start(NamedTuple):
     """Order: build the object of a module, or go on with the object that STOP has kept.
 
     leaves: (path, variable) of each leaf; an input in STEP names its leaf by the position in this tuple.
+    kept: the state from which the module starts, as plain values (`partition_states`).
     """
 
     module: int
     orders: Orders
     leaves: tuple[tuple[str, str], ...]
+    kept: tuple[int | bytes, ...] | None = None
 
 
 class Stop(NamedTuple):
@@ -82,6 +88,14 @@ class Stop(NamedTuple):
 
     module: int
     keep: bool
+
+
+class Save(NamedTuple):
+    """Order: save the state of a module, at most `most_bytes` bytes; the answer repeats `round`."""
+
+    module: int
+    round: int
+    most_bytes: int
 
 
 class Step(NamedTuple):
@@ -144,8 +158,8 @@ class Garbled:
     reason: str
 
 
-Order = Load | Start | Stop | Step
-Answer = Loaded | StartRefused | Done | Failed | Garbled
+Order = Load | Start | Stop | Step | Save
+Answer = Loaded | StartRefused | Done | Failed | Garbled | StateEvent
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +181,7 @@ _ANSWER, _STEPPED, _STEPPED_KIND = struct.Struct("<BHQ"), struct.Struct("<BHQqH"
 _SIZED = {"s": "s", "b": "s", "t": "q"}
 _NUMBERS = {"f": "d", "i": "q"}
 _LETTERS: Mapping[type, str] = {float: "f", int: "i", bool: "i"}
-_ORDERS: tuple[type[Order], ...] = (Load, Start, Stop, Step)
+_ORDERS: tuple[type[Order], ...] = (Load, Start, Stop, Step, Save)
 
 
 def encode_orders(orders: Iterable[Order]) -> bytes:
@@ -183,14 +197,16 @@ def decode_orders(packet: bytes) -> Iterator[Order]:
     """Decode the orders in a packet of the agent."""
     for kind, *fields in marshal.loads(packet):  # noqa: S302 - a partition trusts its agent
         order = _ORDERS[kind]
-        yield Start(fields[0], Orders(*fields[1]), fields[2]) if order is Start else order(*fields)
+        yield Start(fields[0], Orders(*fields[1]), *fields[2:]) if order is Start else order(*fields)
 
 
-def encode_answer(answer: Loaded | StartRefused | Done | Failed) -> bytes:
+def encode_answer(answer: Loaded | StartRefused | Done | Failed | StateEvent) -> bytes:
     """Encode an answer as a packet for the agent.
 
     Raises Uncarriable if a value cannot be sent, or if the packet would be longer than `ANSWER_BYTES`.
     """
+    if isinstance(answer, StateSaved | StateRestored | StateLacking):
+        return encode_state(answer)
     packet = _stepped(answer) if isinstance(answer, Done) else _other(answer)
     if len(packet) > ANSWER_BYTES:
         raise Uncarriable(
@@ -296,7 +312,9 @@ def decode_answer(packet: bytes) -> Answer:
     if len(packet) > ANSWER_BYTES:
         return Garbled("a packet is too long")
     try:
-        return _done(packet) if packet[:1] == _STEPPED_KIND else _decode_other(_Reader(packet))
+        if packet[:1] == _STEPPED_KIND:
+            return _done(packet)
+        return decode_state(packet) if is_state(packet) else _decode_other(_Reader(packet))
     except (struct.error, LookupError, ValueError) as error:
         return Garbled(f"it sent an unreadable packet; look for module code that writes to its socket ({error})")
 

@@ -77,6 +77,7 @@ class PartitionProcess:
         self.loading = True
         self.broken: str | None = None  # why the partition cannot be used any more
         self.refusals_due: Counter[int] = Counter()  # STARTs that the partition may still refuse, by module
+        self.states_due: Counter[int] = Counter()  # answers about states that may still come, by module
         self._pending: deque[_PendingStep] = deque()
         self._orders: list[Order] = []  # to be sent when the turn ends
         self._waited_before_ns = 0  # the process's waiting time when last read, between two steps

@@ -233,6 +233,7 @@ class PeUnderTest(UnderTest):
             drive=lambda _: None,
             look=lambda _: None,
             withheld=lambda _: None,
+            state=lambda _: None,
             move=lambda moved: self.drives.append(moved.t_ns),
             broken=self.broken,
             broke=lambda _: None,

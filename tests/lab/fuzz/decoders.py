@@ -19,6 +19,7 @@ from typing import TypeVar
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.table_index import TableIndex
+from heronry_agent.core.vocabulary import StateEvent
 from heronry_agent.shell.module_runner import Result
 from heronry_agent.shell.partition_messages import (
     Done,
@@ -235,7 +236,7 @@ def _partition(data: bytes) -> None:
         same(again, encode_answer(_answered(again)))
 
 
-def _answered(packet: bytes) -> Loaded | StartRefused | Done | Failed:
+def _answered(packet: bytes) -> Loaded | StartRefused | Done | Failed | StateEvent:
     match decode_answer(packet):
         case Garbled(reason):
             raise AssertionError(f"an encoded answer cannot be decoded: {reason}")

@@ -199,3 +199,49 @@ def test_a_filter_that_doubts_itself_a_third_time_reports_itself_and_goes_on() -
     assert resets[-1] >= 3
     assert set(rig.host.reported) == {"module:tracked_position"}
     assert outputs.keys() == {"position_x", "position_y", "height"}
+
+
+# The state that a checkpoint keeps
+
+
+def test_a_filter_goes_on_from_its_numbers_as_good_as_it_was():
+    approach = Approach().fly(25)
+    numbers = approach.filter.numbers()
+    assert len(numbers) == 45
+    other = TrackingFilter.of_numbers(CAMERA_M, numbers, approach.now_ns)
+    assert (other.state, other.covariance, other.resets) == (
+        approach.filter.state,
+        approach.filter.covariance,
+        approach.filter.resets,
+    )
+    approach.filter = other
+    approach.fly(3)
+    assert abs(approach.height_error()) < 0.6
+    assert approach.filter.sigma(H) < 1.0
+
+
+def test_a_module_that_moves_carries_an_old_state_forward_by_the_velocity():
+    approach = Approach().fly(25)
+    here, there = Rig("eav_tracked_position"), Rig("eav_tracked_position")
+    assert isinstance(here.module, TrackedPosition)
+    assert isinstance(there.module, TrackedPosition)
+    assert here.module.save() == ()
+    here.module.filter = approach.filter
+    state, before = here.module.save(), approach.filter.state[X]
+    there.host.now_ns = 10**9
+    there.module.restore(state, 400_000_000)
+    moving = {
+        f"velocity_{axis}": Datum(speed, 1, 0) for axis, speed in zip(("north", "east", "up"), SPEED, strict=True)
+    }
+    outputs = there.feed(moving)
+    assert outputs["position_x"] == pytest.approx(before + 0.4 * SPEED[0])
+    assert there.module.filter is not None
+    assert there.module.filter.sigma(H) > 0.0
+
+
+def test_a_filter_that_cannot_be_trusted_is_not_taken_along():
+    rig = Rig("eav_tracked_position")
+    assert isinstance(rig.module, TrackedPosition)
+    rig.module.filter = Approach().filter
+    rig.module.filter.resets = 3
+    assert rig.module.save() == ()

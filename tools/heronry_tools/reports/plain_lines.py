@@ -124,6 +124,20 @@ _SENTENCES = dict(
             "bad",
         ),
         _says(
+            events.StateRestored,
+            lambda e: f"module:{e.module} on {e.by} starts from a state of {e.age_ms} ms",
+            "good",
+        ),
+        _says(events.StateLacking, lambda e: f"module:{e.module} on {e.by} starts without its state: {e.why}", "quiet"),
+        _says(
+            events.StateNotSaved, lambda e: f"the state of module:{e.module} on {e.by} cannot be saved: {e.why}", "bad"
+        ),
+        _says(
+            events.StateSaved,
+            lambda e: f"the state of module:{e.module} on {e.by} is no longer unsaved",
+            "good",
+        ),
+        _says(
             events.InputSilent, lambda e: f"module:{e.module} on {e.by} gets no {e.variable} from {e.producer}", "fault"
         ),
         _says(

@@ -20,11 +20,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from heronry_agent.core.vocabulary import Failure
-from heronry_agent.module import Datum, Value
+from heronry_agent.core.vocabulary import Failure, KeptState, StateLacking, StateRestored, StateSaved
+from heronry_agent.module import Datum, Module, Value
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result, is_foreign
 from heronry_agent.shell.partition_messages import Done, Uncarriable, encode_answer
+from heronry_wire.checkpoint_frames import MOST_STATE_BYTES, SentState, frame_count
 from heronry_wire.management import SPECS_PRIORITY
 from heronry_wire.sansio import NEVER_NS
 
@@ -41,12 +42,21 @@ class Trial:
     failure: how the module failed; None if it did not fail.
     failed_in: if the module failed: number of the step in which it failed, from 1; 0: before step 1.
     longest_ns: the longest time that a step took.
+    state: the state after the last step, or why it cannot be saved; None: the class has no `save` of its own.
+    restored: whether a new object goes on from this state; None: there is no state.
     """
 
     steps: list[Result] = field(default_factory=list)
     failure: Failure | None = None
     failed_in: int = 0
     longest_ns: int = 0
+    state: StateSaved | StateLacking | None = None
+    restored: StateRestored | StateLacking | None = None
+
+    @property
+    def is_refused(self) -> bool:
+        """Tell whether the state could not be restored."""
+        return isinstance(self.restored, StateLacking)
 
     def document(self) -> dict[str, Any]:
         """Return the trial as plain data for JSON. Bytes become hexadecimal digits.
@@ -71,6 +81,7 @@ class Trial:
             ],
             "failure": failure,
             "longest_step_ns": self.longest_ns,
+            "state": None if self.state is None else _state_document(self.state, self.restored),
         }
 
 
@@ -157,7 +168,8 @@ def _limited(limit_s: float) -> Iterator[None]:
 def _try(trial: Trial, orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> None:
     now_ns = 0
     runner = ModuleRunner(lambda: now_ns)
-    trial.failure = runner.start(_MODULE, orders, now_ns)
+    begun = runner.start(_MODULE, orders, now_ns)
+    trial.failure = begun if isinstance(begun, Failure) else None
     leaves = {str(at): (name, Datum(value, 1, 0)) for at, (name, value) in enumerate(inputs.items())}
     while trial.failure is None and len(trial.steps) < steps:
         trial.failed_in = len(trial.steps) + 1
@@ -168,6 +180,19 @@ def _try(trial: Trial, orders: Orders, inputs: Mapping[str, Value], reading: Val
         if isinstance(result, Result) and trial.failure is None:
             trial.steps.append(result)
         now_ns += orders.period_ns
+    code = runner.code(_MODULE)
+    if trial.failure is None and code is not None and type(code).save is not Module.save:
+        _try_state(trial, runner, orders, now_ns)
+
+
+def _try_state(trial: Trial, runner: ModuleRunner, orders: Orders, now_ns: int) -> None:
+    """Save the state of the module, and let a new object go on from it."""
+    trial.state = runner.save(_MODULE, 0, MOST_STATE_BYTES)
+    if isinstance(trial.state, StateSaved) and trial.state.data:
+        kept = KeptState(SentState.of(0, 0, trial.state.data, trial.state.code), now_ns, now_ns)
+        outcome = runner.start(_MODULE, orders, now_ns, kept)
+        trial.restored = outcome if isinstance(outcome, StateRestored | StateLacking) else None
+        trial.failure = outcome if isinstance(outcome, Failure) else None
 
 
 def read_value(text: str) -> Value:
@@ -194,6 +219,17 @@ def _uncarriable(result: Result) -> Failure | None:
     except Uncarriable as error:
         return Failure(str(error))
     return None
+
+
+def _state_document(state: StateSaved | StateLacking, restored: StateRestored | StateLacking | None) -> dict[str, Any]:
+    lacking = next((one for one in (state, restored) if isinstance(one, StateLacking)), None)
+    length = len(state.data) if isinstance(state, StateSaved) else None
+    return {
+        "bytes": length,
+        "frames": None if not length else frame_count(length),
+        "restored": isinstance(restored, StateRestored),
+        "failure": None if lacking is None else {"kind": lacking.lack.name.lower(), "reason": lacking.reason},
+    }
 
 
 def _plain(value: Value) -> Any:

@@ -28,6 +28,9 @@ and changes none.
     channels        channels of replicated buses, by name (can0.1): the nodes that hear nothing on the channel
     silences        list of module, by, what ("input" or "output"), variable, producer (of an input; else null), for_ns
     disagreements   list of module (a comparator), by, detail
+    checkpoints     of modules with a checkpoint, how each has started last: list of module, by, age_ms (of the state
+                    from which it has started; null: without a state), why (it has started without; else null), for_ns
+                    (since then), not_saved (why its state cannot be saved now, or null)
     functions       by name: wanted, criticality, priority, served, mode, value, why_not, shortfalls (what is less than
                     the best in its output module and upstream of it); the last five are those of the epoch's plan. If
                     the plan is not known, served, mode and value are null
@@ -107,6 +110,7 @@ def status(
         "channels": situation.channels.lost_by(),
         "silences": silences.all(),
         "disagreements": [{"module": m, "by": pe, "detail": d} for m, pe, d in situation.disagreements.all()],
+        "checkpoints": situation.checkpoints.status(now_ns),
         "functions": {f.name: _function(spec, f, now, plan, unknown_epoch) for f in spec.functions.values()},
         "script": dict(script),
         "buses": {} if plan is None else plan.document()["buses"],

@@ -41,6 +41,7 @@ from heronry_manager.core.situation.changes import (
     PlanNeeded,
     SituationChange,
 )
+from heronry_manager.core.situation.checkpoint_notices import CheckpointNotices
 from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
 from heronry_manager.core.situation.lost_channels import LostChannels
 from heronry_manager.core.situation.mission_phase import MissionPhase
@@ -82,8 +83,11 @@ class KnownSituation:
         self.priorities = ChangedPriorities(spec, turn)
         self.channels = LostChannels(spec, turn)
         self.disagreements = Disagreements(spec, turn)
+        self.checkpoints = CheckpointNotices(spec, turn)
         self._notices: dict[FaultCode, ModuleNotices] = {
             FaultCode.DISAGREEMENT: self.disagreements,
+            FaultCode.STATE_RESTORED: self.checkpoints,
+            FaultCode.STATE_LACKING: self.checkpoints,
             FaultCode.UNKNOWN_ELEMENT: UnknownReports(spec, turn),
             FaultCode.UNKNOWN_OUTPUT: UnknownOutputs(spec, turn),
             FaultCode.UNKNOWN_INPUT: UnknownInputs(spec, turn),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
+from heronry_dg.checkpoints import gap_ns, late_ns, numbers, period_ns
 from heronry_dg.configuration import Configuration
 from heronry_dg.echo_rates import EchoRates
 from heronry_dg.expendable import expendable
@@ -25,6 +26,7 @@ from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_d
 from heronry_wire.management import MOST_FUNCTIONS
 from heronry_wire.pe_table import (
     STALE_PERIODS,
+    CheckpointEntry,
     DeviceEntry,
     DriverEntry,
     LeafEntry,
@@ -148,6 +150,7 @@ class Compiler:
                 for device in spec.devices.values()
                 if device.pe == pe and _says_of_its_driver(device)
             ),
+            checkpoints=tuple(self._checkpoints(pe)),
         )
 
     def configuration(self, configuration: Configuration) -> CompiledConfiguration:
@@ -211,6 +214,35 @@ class Compiler:
             ram=max(mode.ram for mode in module.modes.values()),
             restarts=module.restarts,
         )
+
+    def _checkpoints(self, pe: str) -> Iterator[CheckpointEntry]:
+        """Yield the checkpoints that a PE sends and keeps, and those that it forwards."""
+        own, spec = self._spec.pes[pe], self._spec
+        for name, number in numbers(spec).items():
+            module, homes = spec.modules[name], hosts_when_all_is_up(spec, spec.modules[name])
+            checkpoint = module.checkpoint
+            assert checkpoint is not None
+            ways = {home: self._all_up.route(pe, home) or () for home in homes if home != pe}
+            wired = {home: way for home, way in ways.items() if way and self._are_wired(way)}
+            towards = tuple(
+                tuple(spec.pes[home].node_id for home, way in wired.items() if way[0] == bus) for bus in own.buses
+            )
+            if pe not in homes and sum(map(bool, towards)) < 2:
+                continue
+            late = [late_ns(spec, checkpoint, way) for way in wired.values()]
+            yield CheckpointEntry(
+                module=self._module_index[name],
+                number=number,
+                data_bytes=checkpoint.data_bytes,
+                period_ns=period_ns(checkpoint),
+                gap_ns=gap_ns(checkpoint),
+                max_age_ns=checkpoint.max_age_ns,
+                late_ns=None if None in late else max((one for one in late if one is not None), default=0),
+                towards=towards,
+            )
+
+    def _are_wired(self, way: tuple[str, ...]) -> bool:
+        return all(self._spec.buses[bus].kind == "wired" for bus in way)
 
     def _is_silent_output(self, module: Module) -> bool:
         if module.device is not None and self._spec.devices[module.device].kind == "actuator":

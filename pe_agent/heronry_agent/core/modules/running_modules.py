@@ -33,6 +33,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from heronry_agent.core.authority import OutputAuthorization
+from heronry_agent.core.checkpoints import Checkpoints
 from heronry_agent.core.configuration import ActiveConfiguration, Moves
 from heronry_agent.core.modules.echo_pace import EchoPace
 from heronry_agent.core.modules.failure_texts import FailureTexts
@@ -116,6 +117,7 @@ class RunningModules:
         self._priority_requests = PriorityRequests(self.faults)
         self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
         self._notices = Notices(turn, index)
+        self.checkpoints = Checkpoints(turn, index, output_authorization, self.faults)
         self.has_exclusive_output = False
         self.load_percent = 0
         self._lacking: set[int] = set()  # modules whose code is not on this PE
@@ -169,6 +171,7 @@ class RunningModules:
                     continue
             inputs = self.mailboxes.inputs(module, now_ns)
             self._turn.do(StepModule(module, self.schedule.begin(module, now_ns), inputs, until_ns))
+            self.checkpoints.ask(module)
 
     def stepped(self, event: Stepped) -> None:
         """Process the answer to a step: outputs, commands to the device, reports and requests."""
@@ -353,20 +356,19 @@ class RunningModules:
         self.phase_requests.started(module, mode)
         self.silences.began(module, self._turn.now_ns)
         self.rests.began(module)
-        self._turn.do(StartModule(module, entry, mode))
+        self._turn.do(StartModule(module, entry, mode, self.checkpoints.start(module)))
 
     def _stop(self, module: int, *, keep: bool = False) -> None:
         del self._running[module]
-        keep = keep and module not in self.restarts.waiting
+        self._halt(module, keep=keep and module not in self.restarts.waiting)
         self.restarts.cancel(module)
-        self._halt(module, keep=keep)
 
     def _halt(self, module: int, *, keep: bool = False) -> None:
         """Stop stepping a module, and drop its object; with `keep`, keep the object for another mode."""
         self.schedule.stop(module)
         self.silences.began(module, self._turn.now_ns)
-        self.phase_requests.stopped(module)
-        self._priority_requests.stopped(module)
+        for part in (self.phase_requests, self._priority_requests, self.checkpoints):
+            part.stopped(module)
         self.rests.stopped(module, keep=keep)
         self._turn.do(StopModule(module, keep))
 

@@ -4,6 +4,7 @@ from heronry_agent.parts.choosers import FailOver, NVersion
 from heronry_agent.parts.comparators import ComparatorBetter, ComparatorNone, ComparatorSafer
 from heronry_agent.parts.limiter import RateLimiter
 from heronry_agent.parts.monitors import ActuatorMonitor, StuckSensorMonitor
+from heronry_agent.parts.states import Integrator, LowPass
 from heronry_agent.parts.voters import MajorityVoter, MedianVoter
 
 _PRESSURES = {f"pressure_{number}": f"device:pressure_sensor_{number}" for number in (1, 2, 3)}
@@ -84,6 +85,20 @@ class ElevatorLimiter3(ElevatorLimiter):
     """The limiter of the third of three redundant paths."""
 
     output = "servo_demand_3"
+
+
+class PitchFilter(LowPass):
+    """The pitch angle in degrees, smoothed over half a second."""
+
+    source = output = "pitch_angle"
+    lag_s = 0.5
+
+
+class PitchTrim(Integrator):
+    """The elevator's demand in degrees that brings a lasting pitch angle to 0."""
+
+    source, output = "pitch_angle", "elevator_demand"
+    gain_per_s, least, most = -0.2, -15.0, 15.0
 
 
 class PressureStuck(StuckSensorMonitor):

@@ -14,10 +14,10 @@ The tracking filter doubts itself when images no longer fit (`tracking_filter`).
 position cannot be trusted although it goes on: the module reports itself as failed, with the number of resets as
 detail, so that the next plan takes the position from another module.
 
-A restart of a receiver's estimator loses nothing. A restart of the tracking filter loses what the filter has learnt
-from images. The filter then begins at the receiver's position, or, without a receiver, where the line of sight of an
-image meets the nominal approach. The filter needs some seconds of images to be accurate again. A change of the mode
-loses nothing.
+A restart of a receiver's estimator loses nothing. With a checkpoint in the spec, the tracking filter goes on from its
+last state, carried forward by the velocity. Without a state it loses what it has learnt from images: it begins at the
+receiver's position, or, without a receiver, where the line of sight of an image meets the nominal approach, and needs
+some seconds of images to be accurate again. A change of the mode loses nothing.
 """
 
 from collections.abc import Mapping
@@ -127,6 +127,16 @@ class TrackedPosition(Module):
             self.ctx.report_failed(f"module:{self.ctx.module}", self.filter.resets)
         state = self.filter.state
         return {"position_x": state[X], "position_y": state[Y], "height": state[H]}
+
+    def save(self) -> tuple[float, ...]:
+        """Return the state of the filter; nothing while there is no filter, or one that cannot be trusted."""
+        if self.filter is None or self.filter.resets >= _MOST_RESETS:
+            return ()
+        return self.filter.numbers()
+
+    def restore(self, state: tuple[float, ...], age_ns: int) -> None:
+        """Go on from a state of the filter; the next step carries it forward by its age."""
+        self.filter = TrackingFilter.of_numbers(CAMERA_M, state, self.ctx.now_ns - age_ns)
 
     def _begun(
         self, inputs: Inputs, fix: tuple[float, float, float] | None, moving: tuple[float, float, float]

@@ -27,6 +27,7 @@ from collections.abc import Sequence
 NS_PER_S = 1_000_000_000
 STATES = 8
 X, Y, H, BIAS_X, BIAS_Y, BIAS_H, BIAS_AZIMUTH, BIAS_ELEVATION = range(STATES)
+_TRIANGLE = tuple((i, j) for i in range(STATES) for j in range(i, STATES))
 GATE_SIGMA = 4.0
 REFUSALS = 5
 
@@ -91,6 +92,20 @@ class TrackingFilter:
         covariance[H][H] = rise * rise * along + _HEIGHT_M**2 + ahead * ahead * _IMAGE_RAD2
         covariance[Y][Y] = _BESIDE_M**2
         return made
+
+    @classmethod
+    def of_numbers(cls, camera_m: Camera, numbers: Sequence[float], now_ns: int) -> "TrackingFilter":
+        """Go on from what `numbers` returned at `now_ns`; images that were exposed before have no effect."""
+        tracking = cls(camera_m, numbers[:3], now_ns)
+        tracking.state = list(numbers[:STATES])
+        for (i, j), covariance in zip(_TRIANGLE, numbers[STATES:-1], strict=True):
+            tracking.covariance[i][j] = tracking.covariance[j][i] = covariance
+        tracking.resets = int(numbers[-1])
+        return tracking
+
+    def numbers(self) -> tuple[float, ...]:
+        """Return the state, its covariance (the upper triangle, row by row), and the number of resets: 45 numbers."""
+        return (*self.state, *(self.covariance[i][j] for i, j in _TRIANGLE), self.resets)
 
     def sigma(self, index: int) -> float:
         """Return the standard deviation of a state, as the filter estimates it."""

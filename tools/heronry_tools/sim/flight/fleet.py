@@ -117,6 +117,7 @@ class Fleet:
             drive=self._checks.driven,
             look=self._checks.looked,
             withheld=self._checks.withheld,
+            state=self._checks.state_seen,
             move=self._checks.moved,
             broken=self.broken_modules,
             broke=lambda module: self._truth.broke(module, pe),

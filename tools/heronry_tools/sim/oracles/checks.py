@@ -22,7 +22,7 @@ from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Clash, Sent
 from heronry_tools.sim.world.planning_seen import PlanningSeen
 from heronry_tools.sim.world.replicated_port import Copy
-from heronry_tools.sim.world.steps_seen import Driven, Moved, Withheld
+from heronry_tools.sim.world.steps_seen import Driven, Moved, StateSeen, Withheld
 from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.authentication import Key
 from heronry_wire.pe_table import PeTable
@@ -58,6 +58,7 @@ class Checks:
         self._of_looks = listeners(self._oracles, "looked")
         self._of_moves = listeners(self._oracles, "moved")
         self._of_withheld = listeners(self._oracles, "withheld")
+        self._of_states = listeners(self._oracles, "state_seen")
         self._of_planning = listeners(self._oracles, "planning")
         self._inspections: list[Violation] = []
 
@@ -67,7 +68,7 @@ class Checks:
         From now on the caller must not call `see`. What the oracles record after this call has no meaning.
         """
         self._of_copies = self._of_channels = self._of_driving = self._of_looks = self._of_moves = ()
-        self._of_withheld = ()
+        self._of_withheld = self._of_states = ()
 
     # What is seen
 
@@ -112,6 +113,11 @@ class Checks:
         """Report to the oracles a step of a module that leaves out an output of its mode."""
         for oracle in self._of_withheld:
             oracle.withheld(step)
+
+    def state_seen(self, seen: StateSeen) -> None:
+        """Report to the oracles that a module has saved its state, or has started from a state."""
+        for oracle in self._of_states:
+            oracle.state_seen(seen)
 
     def planning(self, seen: PlanningSeen) -> None:
         """Report to the oracles that a manager has requested a plan, or is given the answer to a request."""

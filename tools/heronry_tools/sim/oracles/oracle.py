@@ -16,7 +16,7 @@ from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning_seen import PlanningSeen
 from heronry_tools.sim.world.replicated_port import Copy
-from heronry_tools.sim.world.steps_seen import Driven, Moved, Withheld
+from heronry_tools.sim.world.steps_seen import Driven, Moved, StateSeen, Withheld
 from heronry_wire.frame import Malformed
 from heronry_wire.management import Emergency, ManagementMessage
 from heronry_wire.state_frames import StatePage0
@@ -147,6 +147,9 @@ class Oracle:
 
     def withheld(self, step: Withheld) -> None:
         """Called when a PE executes a step of a module that leaves out an output of its mode."""
+
+    def state_seen(self, seen: StateSeen) -> None:
+        """Called when a module has saved its state, or has started from a state."""
 
     # What is done to the aircraft, reported by the code that does it
 

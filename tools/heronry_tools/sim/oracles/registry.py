@@ -2,8 +2,10 @@
 
 from collections.abc import Callable
 
+from heronry_dg.checkpoints import kept_modules
 from heronry_tools.sim.oracles.authenticity import AuthenticityCheck
 from heronry_tools.sim.oracles.channels import ChannelCheck
+from heronry_tools.sim.oracles.checkpoints import CheckpointCheck
 from heronry_tools.sim.oracles.configurations import ConfigurationCheck
 from heronry_tools.sim.oracles.exclusion import ExclusionCheck
 from heronry_tools.sim.oracles.freshness import FreshnessCheck
@@ -26,6 +28,7 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
     lambda known: known.terms,
     lambda known: OrphanCheck(known.spec, has_digests=known.key is None),
     lambda known: FreshnessCheck(known.spec, known.commanded),
+    lambda known: CheckpointCheck(known.spec) if any(kept_modules(known.spec)) else None,
     lambda known: PublishingCheck(known.spec, known.commanded),
     lambda known: LoadCheck(known.spec),
     lambda known: RadioCheck(known.spec),

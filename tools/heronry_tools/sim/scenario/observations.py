@@ -27,6 +27,8 @@ _REPORTS_NO_FAULT = (
     FaultCode.STALE,
     FaultCode.MODULE_RESTARTED,
     FaultCode.CHANNEL_BACK,
+    FaultCode.STATE_RESTORED,
+    FaultCode.STATE_LACKING,
 )
 
 

@@ -49,6 +49,16 @@ _LINES: Mapping[type[events.Event], Callable[[Any], str]] = dict(
             events.UnknownInput,
             lambda e: f"module:{e.module} on {e.by} reads a misspelt input: the log of its agent names it",
         ),
+        on(
+            events.StateRestored,
+            lambda e: f"module:{e.module} on {e.by} starts from a state of {e.age_ms} ms",
+        ),
+        on(events.StateLacking, lambda e: f"module:{e.module} on {e.by} starts without its state: {e.why}"),
+        on(events.StateNotSaved, lambda e: f"the state of module:{e.module} on {e.by} cannot be saved: {e.why}"),
+        on(
+            events.StateSaved,
+            lambda e: f"the state of module:{e.module} on {e.by} is no longer unsaved",
+        ),
         on(events.InputSilent, lambda e: f"module:{e.module} on {e.by} gets no {e.variable} from {e.producer}"),
         on(events.OutputSilent, lambda e: f"module:{e.module} on {e.by} gives no {e.variable}"),
         on(events.SilenceOver, lambda e: f"the {e.what} {e.variable} of module:{e.module} on {e.by}: {e.why}"),

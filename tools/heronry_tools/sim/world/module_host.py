@@ -15,6 +15,7 @@ from heronry_agent.core.vocabulary import (
     Failure,
     Heard,
     ModuleEvent,
+    SaveState,
     StartFailed,
     StartModule,
     StepFailed,
@@ -48,8 +49,10 @@ class ModuleHost:
             case StepModule():
                 return self._step(action, now_ns)
             case StartModule():
-                failure = self._runner.start(action.module, orders_of(action), now_ns)
-                return None if failure is None else StartFailed(action.module, *failure)
+                outcome = self._runner.start(action.module, orders_of(action), now_ns, action.kept)
+                return StartFailed(action.module, *outcome) if isinstance(outcome, Failure) else outcome
+            case SaveState():
+                return self._runner.save(action.module, action.round, action.most_bytes)
             case StopModule():
                 self._runner.stop(action.module, keep=action.keep)
                 if not action.keep:

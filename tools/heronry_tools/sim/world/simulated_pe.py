@@ -20,13 +20,19 @@ from heronry_agent.core.vocabulary import (
     EndPartition,
     Event,
     ImagesMissing,
+    KeptState,
     Left,
     MeasureStep,
     ModuleEvent,
     StartModule,
+    StateEvent,
+    StateLacking,
+    StateRestored,
+    StateSaved,
     StepModule,
 )
 from heronry_agent.module import Module
+from heronry_agent.shell.code_digest import code_digest
 from heronry_agent.shell.devices import Devices
 from heronry_dg.echo_rates import MOST_ECHOES_PER_S
 from heronry_tools.aircraft.plant import PlantOfDevices
@@ -39,7 +45,7 @@ from heronry_tools.sim.world.node import VALIDATED_EVERY, Node
 from heronry_tools.sim.world.pe_outbox import PeOutbox
 from heronry_tools.sim.world.plant_view import PlantView
 from heronry_tools.sim.world.replicated_port import Copy
-from heronry_tools.sim.world.steps_seen import Driven, Moved, Withheld
+from heronry_tools.sim.world.steps_seen import Driven, Moved, StateSeen, Withheld
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
@@ -66,6 +72,7 @@ class SimulatedPe(Node):
         drive: Callable[[Driven], None],
         look: Callable[[Driven], None],
         withheld: Callable[[Withheld], None],
+        state: Callable[[StateSeen], None],
         move: Callable[[Moved], None],
         broken: Mapping[str, str],
         broke: Callable[[str], None],
@@ -78,6 +85,7 @@ class SimulatedPe(Node):
         drive: is called with every step of a module that drives an actuator, or is a branch of a DEMUX
         look: is called with every eighth of the other steps that have inputs
         withheld: is called with every step that leaves out an output of its module's mode
+        state: is called when a module has saved its state, or has started from a state
         move: is called when the PE allows a device to move
         broken: how a module fails in its steps, or which phase it requests (ASKS and the phase); by the name of
             the module or, for one PE, by NAME@PE
@@ -87,7 +95,7 @@ class SimulatedPe(Node):
         """
         super().__init__(clock, time)
         self.name = table.name
-        self._move = move
+        self._move, self._state = move, state
         devices = {module.device for module in table.modules if module.device is not None}
         self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
         self._images = {module.name: module.image for module in table.modules}
@@ -210,11 +218,15 @@ class SimulatedPe(Node):
             self._arm(due_ns)
 
     def _carry_out(self, actions: list[Action]) -> None:
-        """Execute the core's actions, and those that the core requests after the modules' answers."""
+        """Execute the core's actions, and those that the core requests after the modules' answers.
+
+        What modules answer about their states is given to the core at the end, as on a node.
+        """
         if not _ROUTINE.issuperset(map(type, actions)):
             self.core.validate()
             if self.core.identifiers is not self._identifiers:
                 self._listen()
+        states: list[StateEvent] = []
         for position, action in enumerate(actions):
             if type(action) is Send:
                 self.outbox.send(action)
@@ -224,9 +236,26 @@ class SimulatedPe(Node):
                 continue
             if not self.is_awake:
                 self.put_off(actions[position + 1 :])
-                self._answers.append(answer)
+                self._answers += [*states, answer]
                 return
-            self._carry_out(self.core.step(self.time.now_ns(), answer))
+            if isinstance(answer, StateSaved | StateRestored | StateLacking):
+                self._tell_state(action, answer)
+                states.append(answer)
+            else:
+                self._carry_out(self.core.step(self.time.now_ns(), answer))
+        for answer in states:
+            self.give(answer)
+
+    def _tell_state(self, action: Action, answer: StateEvent) -> None:
+        """Report a state that was saved or restored; `action` is the order that `answer` answers."""
+        now_ns, module = self._clock.now_ns, self.steps.names[answer.module]
+        code = self._host.code(answer.module)
+        digest = b"" if code is None else code_digest(type(code))
+        if isinstance(answer, StateSaved) and answer.data:
+            self._state(StateSeen(now_ns, self.name, module, True, answer.data, digest))
+        elif isinstance(answer, StateRestored) and isinstance(action, StartModule):
+            assert isinstance(action.kept, KeptState)
+            self._state(StateSeen(now_ns, self.name, module, False, action.kept.state.data, digest))
 
     def _do(self, action: Action) -> ModuleEvent | None:
         if type(action) is StepModule:

@@ -3,7 +3,8 @@
 Every step of a module that drives an actuator, or is a branch of a DEMUX, is reported with its inputs (`Driven`). Of
 all other steps with inputs, every eighth is reported. Every step that leaves out an output of its mode is
 reported (`Withheld`). Every command that the PE passes to a device is reported
-(`Moved`). After a step, the command to the module's device may come much later, or never.
+(`Moved`). After a step, the command to the module's device may come much later, or never. Every state that a module
+saves, or from which it starts, is reported (`StateSeen`).
 """
 
 from collections.abc import Mapping
@@ -31,6 +32,20 @@ class Withheld(NamedTuple):
     module: str
     missing: frozenset[str]
     inputs: frozenset[str]
+
+
+class StateSeen(NamedTuple):
+    """A module has saved its state (`is_saved`), or has started from a state.
+
+    data: the bytes of the state. code: digest of the module's code on this PE.
+    """
+
+    t_ns: int
+    pe: str
+    module: str
+    is_saved: bool
+    data: bytes
+    code: bytes
 
 
 class Driven(NamedTuple):

@@ -1,0 +1,173 @@
+"""Saves, sends and keeps the states of modules, and gives a state to a module that starts (head of this room)."""
+
+from collections.abc import Iterable
+
+from heronry_agent.core.authority import OutputAuthorization
+from heronry_agent.core.checkpoints.keeping import Keeping
+from heronry_agent.core.checkpoints.reports import StateReports
+from heronry_agent.core.checkpoints.sending import Sender
+from heronry_agent.core.reports import Faults
+from heronry_agent.core.table_index import TableIndex
+from heronry_agent.core.turn import Turn
+from heronry_agent.core.vocabulary import (
+    KeptState,
+    SaveState,
+    StateEvent,
+    StateLacking,
+    StateRestored,
+    StateSaved,
+)
+from heronry_wire.checkpoint_frames import Lack, SentState
+from heronry_wire.identifiers import FIRST_PE, Command, checkpoint_id
+from heronry_wire.management import Alive, FaultCode, decode_command, without_sequence
+from heronry_wire.sansio import NEVER_NS, Received, Send
+
+_MOST_DETAIL = 0xFFFF
+_NS_PER_MS = 1_000_000
+
+
+class Checkpoints:
+    """The checkpoints of one PE; without modules that have any, nothing is ever due."""
+
+    def __init__(self, turn: Turn, index: TableIndex, authorization: OutputAuthorization, faults: Faults) -> None:
+        """Begin without states; `faults` sends the reports of this PE."""
+        self._turn, self._index, self._authorization = turn, index, authorization
+        self._reports = StateReports(faults, index.table.ports[index.uplink].heartbeat_ns)
+        self._entries = {entry.module: entry for entry in index.table.checkpoints}
+        self._keeping = Keeping(index.table.checkpoints, index.modules)
+        self._senders: dict[int, Sender] = {}
+        self._rounds: dict[int, int] = {}  # last round of each module that was stopped
+        self._alive: frozenset[int] = frozenset()
+        self._named = b""  # the last ALIVE, without its sequence
+        self.next_ns = NEVER_NS
+
+    @property
+    def identifiers(self) -> Iterable[int]:
+        """CAN identifiers of the states that this PE keeps or forwards."""
+        nodes = {node for entry in self._entries.values() for way in entry.towards for node in way}
+        return map(checkpoint_id, sorted(nodes))
+
+    def named(self, alive: bytes) -> None:
+        """Take the payload of an accepted ALIVE: the PEs on which the manager counts."""
+        if self._entries and (meaning := without_sequence(alive)) != self._named:
+            message = decode_command(Command.ALIVE, alive)
+            if isinstance(message, Alive):  # pragma: no branch - it was accepted
+                self._named, self._alive = meaning, message.nodes
+
+    # A module
+
+    def start(self, module: int) -> KeptState | Lack | None:
+        """Begin to save the state of a module that starts; returns its state, or why it has none.
+
+        None: the module has no checkpoint.
+        """
+        entry = self._entries.get(module)
+        if entry is None:
+            return None
+        self._senders[module] = Sender(entry, self._turn.now_ns, self._rounds.get(module, -1))
+        kept = self._keeping.take(module)
+        if kept is None:
+            return Lack.NO_STATE
+        return Lack.TOO_OLD if self._turn.now_ns > kept.until_ns else kept
+
+    def stopped(self, module: int) -> None:
+        """Save and send no more states of a module."""
+        sender = self._senders.pop(module, None)
+        if sender is not None:
+            self._rounds[module] = sender.round
+            self._plan()
+
+    def ask(self, module: int) -> None:
+        """Have the state of a module saved after the step that begins now, if it is due."""
+        sender = self._senders.get(module)
+        if sender is not None and self._turn.now_ns >= sender.due_ns:
+            self._turn.do(SaveState(module, sender.ask(self._turn.now_ns), sender.entry.data_bytes))
+
+    def take(self, event: StateEvent) -> None:
+        """Take an answer of the driver about the state of a module."""
+        match event:
+            case StateSaved():
+                self._saved(event)
+            case StateRestored():
+                self._restored(event)
+            case StateLacking():  # pragma: no branch - nothing else is left
+                self._lacking(event)
+
+    def _saved(self, event: StateSaved) -> None:
+        """Keep and send a state that was saved; one that does not answer the last order is only counted."""
+        sender = self._senders.get(event.module)
+        if sender is None or sender.asked_ns is None or event.round != sender.round:
+            self._turn.count("stale answer", event.module)
+            return
+        if len(event.data) > sender.entry.data_bytes:
+            self._lacking(StateLacking(event.module, Lack.TOO_LONG))
+            return
+        asked_ns, sender.asked_ns, sender.is_failing = sender.asked_ns, None, False
+        if not event.data:
+            return
+        state = SentState.of(sender.entry.number, event.round, event.data, event.code)
+        self._keeping.keep(sender.entry, state, asked_ns)
+        sender.send([*state.frames(self._index.node)] if sender.ports(self._alive) else (), self._turn.now_ns)
+        self._plan()
+
+    def _restored(self, event: StateRestored) -> None:
+        """Report that a module has started from its state."""
+        age_ms = max(0, -(-event.age_ns // _NS_PER_MS))
+        self._tell(event.module, FaultCode.STATE_RESTORED, min(age_ms, _MOST_DETAIL))
+        name = self._index.modules[event.module].name
+        self._turn.note("checkpoint", f"module {name} starts from its state, which is at most {age_ms} ms old")
+
+    def _lacking(self, event: StateLacking) -> None:
+        """Report that a module has started without its state, or that its state cannot be saved."""
+        name, reason = self._index.modules[event.module].name, f": {event.reason}" if event.reason else ""
+        if not event.lack.is_of_save:
+            self._tell(event.module, FaultCode.STATE_LACKING, event.lack)
+            self._turn.note("checkpoint", f"module {name} starts without its state ({event.lack.name}){reason}")
+            return
+        sender = self._senders.get(event.module)
+        if sender is None:
+            return
+        if not sender.is_failing:
+            self._turn.note("checkpoint", f"the state of module {name} cannot be saved ({event.lack.name}){reason}")
+        sender.failed(self._turn.now_ns)
+        self._tell(event.module, FaultCode.STATE_LACKING, event.lack, once=True)
+
+    # The bus
+
+    def heard(self, event: Received) -> None:
+        """Take a frame of another PE: keep the state that it completes, and forward the frame."""
+        frame, turn = event.frame, self._turn
+        node = frame.can_id - checkpoint_id(FIRST_PE) + FIRST_PE
+        if not self._keeping.heard(node, event.port, frame.data, turn.arrived_ns, runs=self._senders.keys()):
+            turn.count("foreign or malformed checkpoint", frame.can_id)
+            return
+        turn.do(*(Send(port, frame) for port in self._keeping.ways_on(frame.data, event.port, self._alive)))
+
+    def tick(self) -> None:
+        """Hand over the frames that are due, and repeat the reports that are due."""
+        now_ns = self._turn.now_ns
+        for sender in self._senders.values():
+            if sender.next_ns <= now_ns:
+                self._hand_over(sender, now_ns)
+        if self._reports.next_ns <= now_ns:
+            self._turn.do(Send(self._index.uplink, self._reports.tick(now_ns)))
+        self._plan()
+
+    def _hand_over(self, sender: Sender, now_ns: int) -> None:
+        until_ns = self._authorization.identifiers_until_ns(now_ns)
+        if until_ns is None:
+            sender.send((), now_ns)
+            self._turn.count("checkpoint held", sender.entry.module)
+            return
+        frame = sender.next_frame(now_ns)
+        until_ns = min(until_ns, now_ns + sender.entry.period_ns)
+        self._turn.do(*(Send(port, frame, until_ns) for port in sender.ports(self._alive)))
+
+    def _tell(self, module: int, code: FaultCode, detail: int, *, once: bool = False) -> None:
+        self._reports.add(module, code, detail, self._turn.now_ns, once=once)
+        self._plan()
+
+    def _plan(self) -> None:
+        """Find when `tick` is to be called next."""
+        self.next_ns = min([sender.next_ns for sender in self._senders.values()], default=NEVER_NS)
+        self.next_ns = min(self.next_ns, self._reports.next_ns)

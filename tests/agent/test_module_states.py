@@ -1,0 +1,251 @@
+"""What `save` and `restore` of modules may do: they cost the module its state, and nothing else."""
+
+import math
+import struct
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.modules_with_states import Counts, Gives
+from heronry_agent.core.vocabulary import Failure, KeptState, StateLacking, StateRestored, StateSaved
+from heronry_agent.module import Module
+from heronry_agent.shell.code_digest import code_digest
+from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result
+from heronry_agent.shell.partition import Partition
+from heronry_agent.shell.partition_messages import Save, Start, Step, Stop, decode_answer, encode_orders
+from heronry_agent.shell.partition_states import decode_state, encode_state, kept_of, state_of
+from heronry_agent.shell.time_limit import time_limit
+from heronry_wire.checkpoint_frames import Lack, SentState
+from heronry_wire.sansio import NEVER_NS
+
+IMAGES = "agent.modules_with_states"
+M = 7
+S = 1_000_000_000
+
+
+def orders(image: str, mode: str = "only") -> Orders:
+    return Orders("m", f"{IMAGES}:{image}", mode, 50_000_000, None)
+
+
+def runner(image: str, *, steps: int = 0) -> ModuleRunner:
+    """A runner in which the module runs, after some steps."""
+    one = ModuleRunner(lambda: 0, time_limit)
+    assert one.start(M, orders(image), 0) is None
+    for _ in range(steps):
+        one.step(M, 0, NEVER_NS, None, {})
+    return one
+
+
+def kept(data: bytes, code: type = Counts, since_ns: int = 5 * S, number: int = 3) -> KeptState:
+    return KeptState(SentState.of(number, 9, data, code_digest(code)), since_ns, since_ns + S)
+
+
+STATE = struct.pack("<2d", 41.0, 0.5)
+
+
+def test_a_state_is_saved_as_doubles_with_the_digest_of_the_code() -> None:
+    saved = runner("Counts", steps=41).save(M, 9, 16)
+    assert saved == StateSaved(M, 9, code_digest(Counts), STATE)
+
+
+def test_a_module_that_does_not_run_is_not_saved() -> None:
+    assert ModuleRunner(lambda: 0).save(M, 0, 16) is None
+
+
+@pytest.mark.parametrize(
+    ("image", "lack", "reason"),
+    [
+        ("Raises", Lack.RAISES, "ValueError: no state today (modules_with_states.py:"),
+        ("Hangs", Lack.HANGS, "save takes too long"),
+        ("Bare", Lack.RAISES, "the module has a checkpoint in the spec, but no method `save`"),
+    ],
+)
+def test_a_state_that_cannot_be_saved_leaves_the_module_running(image: str, lack: Lack, reason: str) -> None:
+    one = runner(image)
+    saved = one.save(M, 9, 16)
+    assert isinstance(saved, StateLacking)
+    assert (saved.lack, reason in saved.reason) == (lack, True)
+    assert isinstance(one.step(M, 0, NEVER_NS, None, {}), Result)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [None, 1.0, "state", b"state", {1.0: 2.0}, (math.nan,), (math.inf,), (1.0, None), ("1",), (1 << 2000,), (1j,)],
+)
+def test_what_is_no_tuple_of_finite_numbers_is_no_state(given: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Gives, "given", given)
+    saved = runner("Gives").save(M, 9, 16)
+    assert isinstance(saved, StateLacking)
+    assert saved.lack is Lack.NO_NUMBERS
+
+
+@pytest.mark.parametrize(
+    ("given", "data"), [((), b""), ((True, 2), struct.pack("<2d", 1.0, 2.0)), ([1], bytes(6) + b"\xf0\x3f")]
+)
+def test_whole_numbers_lists_and_nothing_are_states(
+    given: object, data: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Gives, "given", given)
+    saved = runner("Gives").save(M, 9, 16)
+    assert isinstance(saved, StateSaved)
+    assert saved.data == data
+
+
+def test_a_state_that_is_too_long_says_by_how_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Gives, "given", (1.0, 2.0, 3.0))
+    saved = runner("Gives").save(M, 9, 16)
+    assert saved == StateLacking(M, Lack.TOO_LONG, "save gives 3 numbers, 24 bytes; the spec has bytes: 16")
+
+
+def started(image: str, state: KeptState | Lack, now_ns: int = 5 * S) -> tuple[ModuleRunner, object]:
+    one = ModuleRunner(lambda: 0, time_limit)
+    return one, one.start(M, orders(image), now_ns, state)
+
+
+def test_a_module_goes_on_from_its_state() -> None:
+    one, outcome = started("Counts", kept(STATE), 5 * S + 123)
+    assert outcome == StateRestored(M, 123)
+    code = one.code(M)
+    assert isinstance(code, Counts)
+    assert (code.count, code.age_ns) == (41, 123)
+
+
+@pytest.mark.parametrize(
+    ("state", "now_ns", "lack"),
+    [
+        (Lack.NO_STATE, 5 * S, Lack.NO_STATE),
+        (kept(STATE), 6 * S + 1, Lack.TOO_OLD),
+        (kept(STATE, Gives), 5 * S, Lack.OTHER_CODE),
+        (kept(STATE[:-1]), 5 * S, Lack.OTHER_CODE),
+        (KeptState(SentState(3, 9, STATE, 0), 5 * S, 6 * S), 5 * S, Lack.OTHER_CODE),
+    ],
+)
+def test_a_module_starts_without_a_state_that_it_must_not_use(state: KeptState | Lack, now_ns: int, lack: Lack) -> None:
+    one, outcome = started("Counts", state, now_ns)
+    assert outcome == StateLacking(M, lack)
+    code = one.code(M)
+    assert isinstance(code, Counts)
+    assert code.count == 0
+
+
+@pytest.mark.parametrize("image", ["Raises", "Hangs"])
+def test_a_restore_that_fails_leaves_a_new_object_without_a_state(image: str) -> None:
+    code = getattr(sys.modules[IMAGES], image)
+    one, outcome = started(image, kept(STATE, code))
+    assert isinstance(outcome, StateLacking)
+    assert outcome.lack is Lack.REFUSED
+    left = one.code(M)
+    assert isinstance(left, Counts)
+    assert (left.count, left.age_ns) == (0, None)
+
+
+def test_a_module_that_goes_on_in_another_mode_needs_no_state() -> None:
+    one = runner("Keeps", steps=3)
+    one.stop(M, keep=True)
+    assert one.start(M, orders("Keeps", "other"), 5 * S, kept(STATE)) is None
+    code = one.code(M)
+    assert isinstance(code, Counts)
+    assert code.count == 3
+
+
+def test_an_image_that_cannot_be_built_is_a_failure_with_a_state_too() -> None:
+    _, outcome = started("Nothing", kept(STATE))
+    assert isinstance(outcome, Failure)
+
+
+# The digest of the code
+
+
+def written(folder: Path, name: str, **files: str) -> type[Module]:
+    """Write a package, import it anew, and give its class `main:Main`."""
+    for module in [one for one in sys.modules if one == name or one.startswith(f"{name}.")]:
+        del sys.modules[module]
+    (folder / name).mkdir(exist_ok=True)
+    for file, text in {"__init__": "", **files}.items():
+        (folder / name / f"{file}.py").write_text(text)
+    main = __import__(f"{name}.main", fromlist=["Main"])
+    found: type[Module] = main.Main
+    return found
+
+
+MAIN = """
+from heronry_agent.module import Module
+from heronry_agent.parts.states import LowPass
+import {name}.helper
+import math
+class Main({base}):
+    pass
+"""
+
+
+def test_the_digest_is_that_of_the_files_of_the_package_that_the_class_uses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    main = MAIN.format(name="state_version", base="Module")
+
+    def digest(**files: str) -> bytes:
+        return code_digest(written(tmp_path, "state_version", **{"main": main, "helper": "A = 1", **files}))
+
+    first = digest()
+    assert len(first) == 8
+    assert digest(unused="B = 1") == first
+    assert digest(helper="A = 2") != first
+    assert digest(main=main + "\nC = 1\n") != first
+    assert digest() == first
+    assert digest(main=MAIN.format(name="state_version", base="LowPass")) != first
+
+
+def test_a_class_without_a_file_has_a_digest() -> None:
+    code = type("Made", (Module,), {"__module__": "made_up"})
+    assert len(code_digest(code)) == 8
+    sys.modules["made_up"] = ModuleType("made_up")
+    try:
+        assert code_digest(type("Made", (Module,), {"__module__": "made_up"})) == code_digest(code)
+    finally:
+        del sys.modules["made_up"]
+
+
+# Between agent and partition
+
+states = st.builds(
+    KeptState,
+    st.builds(SentState, st.integers(0, 255), st.integers(0, 255), st.binary(max_size=40), st.integers(0, 2**24 - 1)),
+    st.integers(0, 2**62),
+    st.integers(0, 2**62),
+)
+answers = st.one_of(
+    st.builds(StateSaved, st.integers(0, 0xFFFF), st.integers(0, 255), st.binary(min_size=8, max_size=8), st.binary()),
+    st.builds(StateRestored, st.integers(0, 0xFFFF), st.integers(0, 2**62)),
+    st.builds(StateLacking, st.integers(0, 0xFFFF), st.sampled_from(Lack), st.text(max_size=100)),
+)
+
+
+@given(st.one_of(st.none(), st.sampled_from(Lack), states))
+def test_a_state_for_a_start_arrives_unchanged(state: KeptState | Lack | None) -> None:
+    assert state_of(kept_of(state)) == state
+
+
+@given(answers)
+def test_an_answer_about_a_state_arrives_unchanged(answer: StateSaved | StateRestored | StateLacking) -> None:
+    assert decode_state(encode_state(answer)) == answer == decode_answer(encode_state(answer))
+
+
+def test_a_partition_saves_and_restores() -> None:
+    partition = Partition(ModuleRunner(lambda: 0, time_limit))
+
+    def answers_to(*given: Start | Stop | Step | Save) -> list[object]:
+        return [decode_answer(packet) for packet in partition.accept(encode_orders(given))]
+
+    start = Start(M, orders("Counts"), ())
+    assert answers_to(start, Save(M + 1, 0, 16)) == []
+    _, saved = answers_to(Step(M, 1, 0, NEVER_NS, None, ()), Save(M, 9, 16))
+    assert isinstance(saved, StateSaved)
+    state = KeptState(SentState.of(3, 9, saved.data, saved.code), 0, NEVER_NS)
+    (restored,) = answers_to(Stop(M, keep=False), start._replace(kept=kept_of(state)))
+    assert isinstance(restored, StateRestored)
