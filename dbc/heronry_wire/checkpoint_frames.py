@@ -99,6 +99,11 @@ def frame_count(state_bytes: int) -> int:
     return 1 - -state_bytes // PART_BYTES
 
 
+def number_of(payload: bytes) -> int:
+    """Return the number of the module of a frame; -1 if the frame is empty."""
+    return payload[0] if payload else -1
+
+
 @dataclass(frozen=True, slots=True)
 class SentState:
     """The state of a module as one round carries it.

@@ -24,6 +24,8 @@ CODECS = frozenset(
     )
 )
 OTHER_BYTES = {
+    "heronry_agent/shell/module_states.py": "the state of a module",
+    "heronry_agent/shell/partition_states.py": "what an agent and its partition say to each other",
     "heronry_wire/bundle.py": "a file",
     "heronry_wire/bundle_transfer.py": "the value of an object, which SDO carries",
     "heronry_wire/can_interface.py": "what the kernel tells of an interface (netlink)",

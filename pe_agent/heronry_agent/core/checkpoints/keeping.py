@@ -10,7 +10,7 @@ on (ALIVE). Between two PEs there is at most one route, so no frame comes back.
 from collections.abc import Collection, Iterator
 
 from heronry_agent.core.vocabulary import KeptState
-from heronry_wire.checkpoint_frames import Assembly, SentState
+from heronry_wire.checkpoint_frames import Assembly, SentState, number_of
 from heronry_wire.pe_table import CheckpointEntry
 
 
@@ -29,7 +29,7 @@ class Keeping:
 
         arrived_ns: when the frame arrived. runs: modules that run on this PE, whose heard states are not kept.
         """
-        entry = self._entries.get(payload[0]) if payload else None
+        entry = self._entries.get(number_of(payload))
         if entry is None or node not in entry.towards[port]:
             return False
         if entry.module not in self._own or entry.module in runs or entry.late_ns is None:
@@ -56,6 +56,6 @@ class Keeping:
 
         alive: node-IDs of the PEs on which the manager counts.
         """
-        for to, nodes in enumerate(self._entries[payload[0]].towards):
+        for to, nodes in enumerate(self._entries[number_of(payload)].towards):
             if to != port and not alive.isdisjoint(nodes):
                 yield to
