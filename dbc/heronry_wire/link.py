@@ -30,6 +30,7 @@ lost from the start, without an error.
 *Filters.* A node need not receive all frames: `accept` makes the kernel (or the hub of a software bus) filter out
 identifiers that the node does not take. Filters apply to echoes as well. So an identifier that is sent for the first
 time is added to the filter before the frame goes out. `thin` leaves out most of the states that say nothing new.
+`accept` may also name identifiers that wake nobody, if `be_patient` was called (`patient_port`).
 
 *Haste.* While a driver says that nothing is urgent (`is_calm`), a frame may take a moment on a software bus, and its
 echo may wait until another frame comes anyway, so that it wakes nobody. If another frame is queued meanwhile, the link
@@ -48,6 +49,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 from heronry_wire.bare_can import can
@@ -57,6 +59,7 @@ from heronry_wire.controller import ControllerState, read_error_frame
 from heronry_wire.errors import HeronryError
 from heronry_wire.frame import Frame
 from heronry_wire.frame_port import WELL_KNOWN, Arrival, FramePort, Haste, port_of
+from heronry_wire.patient_port import PatientPort
 from heronry_wire.python_can import frames_dropped, is_full, sentence_of
 from heronry_wire.slow_opening import SlowOpening
 from heronry_wire.socketcand import see_whether_it_ended
@@ -69,6 +72,7 @@ REOPEN_NS = 250_000_000
 STUCK_NS = 1_000_000_000  # if no frame leaves for so long, the bus is reported stuck
 _BURST = 64  # most frames read in one turn: a flood must not starve the timers
 _LATE_ECHOES = 16  # how many of the frames whose echo was given up are remembered
+_arrival_ns = attrgetter("time_ns")
 
 
 class Link:
@@ -94,6 +98,9 @@ class Link:
         self._sent: set[int] = set()  # identifiers whose echoes must pass the filters
         self._overruns = 0
         self._thinned: Thinned | None = None
+        self._patient: frozenset[int] = frozenset()  # identifiers of the frames that wake nobody
+        self._may_be_patient = False
+        self._patient_port: PatientPort | None = None  # of the open bus
         self.is_calm = False  # nothing is urgent: frames may take a moment
         self.one_at_a_time = False  # even if the controller has several mailboxes
         self._config = {**config, "receive_own_messages": True}
@@ -184,9 +191,26 @@ class Link:
         """Until `until_ns`, keep data frames, and frames with a lower priority than data, in the queue."""
         self.queue.stands_back_until_ns = until_ns
 
-    def accept(self, identifiers: Collection[int]) -> None:
-        """From now on receive only frames with these 11-bit identifiers."""
-        self._wanted = frozenset(identifiers)
+    def be_patient(self) -> None:
+        """From now on let frames that `accept` calls patient wake nobody, if the back-end can do that.
+
+        Then `receive` is to be called whenever the node wakes, and at least once in PATIENCE_NS.
+        """
+        self._may_be_patient = True
+        with self._surviving(time.monotonic_ns()):
+            self._open_patient_port()
+
+    @property
+    def is_patient(self) -> bool:
+        """Tell whether frames may have come that wake nobody."""
+        return self._patient_port is not None
+
+    def accept(self, identifiers: Collection[int], patient: frozenset[int] = frozenset()) -> None:
+        """From now on receive only frames with these 11-bit identifiers.
+
+        patient: those of them that need not make `fileno` readable (`be_patient`).
+        """
+        self._wanted, self._patient = frozenset(identifiers), patient
         with self._surviving(time.monotonic_ns()):
             self._set_filters()
 
@@ -210,6 +234,8 @@ class Link:
             return arrivals
         try:  # not `_surviving`, which costs more than an empty read
             read, self.has_more = self._port.read(now_ns, _BURST)
+            if self._patient_port is not None:
+                read = self._with_patient_ones(self._patient_port, read, now_ns)
             for arrival in read:
                 frame = arrival.frame
                 if frame.error:
@@ -263,6 +289,9 @@ class Link:
     def close(self) -> None:
         """Close the bus."""
         self._port = None
+        if self._patient_port is not None:
+            patient_port, self._patient_port = self._patient_port, None
+            patient_port.close()
         if self._opening is not None:
             self._opening.abandon()
             self._opening = None
@@ -301,16 +330,28 @@ class Link:
             self._bus = bus
             self._is_well_known = bus.channel_info.partition(" ")[0] in WELL_KNOWN
             self._port = port_of(bus, has_nothing_left=self._has_nothing_left, noise=self._noted_noise)
+            self._open_patient_port()
             self._set_filters()
             if self._thinned is not None:
                 self._port.thin(self._thinned)
         except Exception as error:
-            self._bus = self._port = None
-            bus.shutdown()
+            self._bus = bus
+            self.close()
             if isinstance(error, LinkError):
                 raise
             raise LinkError(f"{self.name} cannot be opened: {sentence_of(error)}") from error
         self._overruns = 0
+
+    def _open_patient_port(self) -> None:
+        if self._may_be_patient and self._is_well_known and self._bus is not None:
+            self._patient_port = PatientPort(self._config)
+            self._set_filters()
+
+    def _with_patient_ones(self, port: PatientPort, read: list[Arrival], now_ns: int) -> list[Arrival]:
+        """Return the frames that have been read, and those that woke nobody, in the order of their arrival."""
+        patient, has_more = port.read(now_ns, _BURST)
+        self.has_more = self.has_more or has_more
+        return sorted(read + patient, key=_arrival_ns) if read and patient else read or patient
 
     def _open_again(self, now_ns: int) -> None:
         if self._is_well_known or self._config.get("interface") in WELL_KNOWN:
@@ -409,7 +450,11 @@ class Link:
     def _set_filters(self) -> None:
         if self._wanted is None or self._bus is None or not self._is_well_known:
             return
-        accepted = sorted(self._wanted | self._sent)
+        patient: frozenset[int] = frozenset()
+        if self._patient_port is not None:  # its filter comes first, so that no frame is missed between the two
+            patient = self._patient - self._sent
+            self._patient_port.accept(patient)
+        accepted = sorted((self._wanted - patient) | self._sent)
         self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in accepted])
 
     def _mailboxes(self) -> int:

@@ -159,8 +159,12 @@ class ReplicatedLink:
         for link in self.links:
             link.stand_back(until_ns)
 
-    def accept(self, identifiers: Collection[int]) -> None:
-        """From now on receive only frames with these 11-bit identifiers."""
+    def accept(
+        self,
+        identifiers: Collection[int],
+        patient: frozenset[int] = frozenset(),  # noqa: ARG002 - the two copies of a frame are compared when they come
+    ) -> None:
+        """From now on receive only frames with these 11-bit identifiers; on two channels, none of them is patient."""
         for link in self.links:
             link.accept(identifiers)
 

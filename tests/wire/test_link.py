@@ -443,6 +443,8 @@ def test_a_back_end_that_is_not_well_known_is_sent_to_without_echo_and_its_stamp
         assert link.departures_ns() == [0, 0], "it is not known when they left the modem behind it"
         Stubborn.current.arrived = [can.Message(timestamp=0.0)]
         assert link.receive(1_000)[0].time_ns == 1_000
+        link.be_patient()
+        assert not link.is_patient, "a second opening of a modem fails, or takes frames from the first"
 
 
 def test_a_frame_is_as_old_as_its_stamp_and_never_newer_than_now(stubborn: Link) -> None:

@@ -223,6 +223,14 @@ class AgentCore:
         return self._inbound.handlers
 
     @property
+    def patient_identifiers(self) -> frozenset[int]:
+        """Those of `identifiers` whose frames nobody awaits, except for the other ports of a gateway.
+
+        It is enough if the core gets these frames when its next deadline is due.
+        """
+        return self._inbound.patient
+
+    @property
     def radio_ports(self) -> Collection[int]:
         """Numbers of the ports that lead to a radio.
 

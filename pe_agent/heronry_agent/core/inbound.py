@@ -11,6 +11,8 @@ This node receives a frame under one of its own identifiers only if another node
 these identifiers override all others.
 
 An identifier is *quiet* if its frames change no deadline and cause no state frame. Most frames have such identifiers.
+Those of data that modules read, and of output echoes, are also *patient*: nothing is lost if they are taken just before
+the next step of a module.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -72,11 +74,13 @@ class Inbound:
         self._fixed = self._fixed_handlers(commands, services, followed)
         self.handlers = self._fixed  # by identifier; a new object whenever they have changed
         self.quiet = self._quiet_ids()
+        self.patient = self._patient_ids()
 
     def rewire(self) -> None:
         """Make the handlers of data frames for the configuration that runs now."""
         self.handlers = self._fixed | self._data_handlers()
         self.quiet = self._quiet_ids()
+        self.patient = self._patient_ids()
 
     def _fixed_handlers(
         self,
@@ -107,6 +111,13 @@ class Inbound:
             identifier
             for identifier, handler in self.handlers.items()
             if handler in quiet or (isinstance(handler, partial) and handler.func in often)
+        )
+
+    def _patient_ids(self) -> frozenset[int]:
+        return frozenset(
+            identifier
+            for identifier, handler in self.handlers.items()
+            if handler == self._echo or (isinstance(handler, partial) and handler.func == self._datum)
         )
 
     # Handlers

@@ -25,7 +25,9 @@ node has this node-ID (`own_node_id`), the PE stays silent and goes on listening
 
 *Haste.* While nothing is urgent, the loop does not hurry: frames may take a moment on a software bus (`link`), which
 gathers them; on other buses the loop itself sleeps on for GATHER_NS when a frame has woken it, and reads what has come
-by then. So several frames cost one turn. A PE with several buses, which may be a gateway, never sleeps on. A manager's
+by then. So several frames cost one turn. A PE with several buses, which may be a gateway, never sleeps on. The data
+that its modules read wake a PE with one bus not at all (`patient_port`): it reads them in each turn, and so before each
+step of a module. A manager's
 PING, PREPARE, SLICE or ACTIVATE, and a fault that this PE reports, are urgent, and so is the time after them. Of its
 neighbours' states the PE receives what is new, and enough to know that it hears anybody (`thinning`).
 
@@ -54,6 +56,7 @@ from heronry_wire.frame_port import Arrival
 from heronry_wire.identifiers import state_id
 from heronry_wire.link import Link
 from heronry_wire.node_cost import CostMeter
+from heronry_wire.patient_port import PATIENCE_NS
 from heronry_wire.pe_table import PeTable
 from heronry_wire.protocol_times import GATHER_NS
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
@@ -103,6 +106,7 @@ class AgentDriver:
         self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as last handed to the core
         self._accepted: Collection[int] = ()  # identifiers that the links now receive
         self._haste, self._may_gather = Haste(table), len(links) == 1
+        self._patient_link: Link | None = None  # whose data do not wake this loop
         self._until_eof = False
         self._lateness: LatenessMeter
         self._cost = meter
@@ -134,6 +138,8 @@ class AgentDriver:
                 link_ns = link.next_deadline_ns()
                 due_ns = due_ns if link_ns is None else min(due_ns, link_ns)
             now_ns = time.monotonic_ns()
+            if self._patient_link is not None:
+                due_ns = min(due_ns, now_ns + PATIENCE_NS)
             self._lateness.waits(core_due_ns, now_ns)
             self._cost.waits(now_ns)
             ready, _, _ = select.select(readers, [], [], max(0, due_ns - now_ns) / _NS_PER_S)
@@ -165,7 +171,8 @@ class AgentDriver:
     def _prepare_links(self) -> None:
         """Leave out the neighbours' states that this PE does not need, and let a radio have one frame at a time.
 
-        A radio's frames are measured, each of them; on a replicated bus each channel needs its own signs of life.
+        Where nothing is forwarded, data do not wake this loop. A radio's frames are measured, each of them; on a
+        replicated bus each channel needs its own signs of life.
         """
         for port in self.core.radio_ports:
             link = self._links[port]
@@ -174,6 +181,9 @@ class AgentDriver:
         uplink = self._links[self._table.uplink]
         if isinstance(uplink, Link) and self._table.uplink not in self.core.radio_ports:
             uplink.thin(needed_states(self._table))
+            if self._may_gather:
+                uplink.be_patient()
+                self._patient_link = uplink
 
     def _let_frames_gather(self, ready: Sequence[object], due_ns: int) -> None:
         """Sleep on for a moment, if a frame has woken this loop, nothing is urgent, and the bus itself does not gather.
@@ -249,12 +259,17 @@ class AgentDriver:
         self._accepted = identifiers
         for port, link in enumerate(self._links):
             if port not in self.core.radio_ports:
-                link.accept(identifiers)
+                link.accept(identifiers, self.core.patient_identifiers)
 
     def _take_frames(self, ready: Collection[object]) -> None:
-        if not ready:
+        patient = self._patient_link
+        if not ready and patient is None:
             return
-        links = [(port, link) for port, link in enumerate(self._links) if any(one in ready for one in link.readers)]
+        links = [
+            (port, link)
+            for port, link in enumerate(self._links)
+            if (link is patient and link.is_open) or any(one in ready for one in link.readers)
+        ]
         if not links:
             return
         for _ in range(_BURSTS):

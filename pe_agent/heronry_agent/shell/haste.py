@@ -6,7 +6,8 @@ While nothing is urgent, frames may take a moment, so that the loop wakes less o
                                  this PE's answers decide how long the reconfiguration takes
     what this PE reports         an EMCY or an emergency event
 
-LEASE and ALIVE come in every period and are not urgent: a LEASE with something new follows an ACTIVATE.
+LEASE and ALIVE come in every period and are not urgent: a LEASE with something new follows an ACTIVATE. Data wake the
+loop not at all, whether anything is urgent or not (`heronry_wire.patient_port`).
 """
 
 from heronry_wire.frame_port import Arrival
