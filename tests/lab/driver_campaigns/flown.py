@@ -71,6 +71,14 @@ class Flown:
         """Return the elements of which a fault was reported since an event, by its number."""
         return {one.element for one in self.events[since:] if isinstance(one, events.FaultReported)}
 
+    def told_without_standstill(self, since: int) -> set[str]:
+        """Return those of `told` beside which no standstill was told: a driver that stood still is late, too."""
+        return {
+            one.element
+            for one in self.events[since:]
+            if isinstance(one, events.FaultReported) and not self._is_beside_standstill(one)
+        }
+
     def told_anew(self) -> set[str]:
         """Return the elements that were reported since `clear`."""
         return self.told(self._cleared)
@@ -87,14 +95,15 @@ class Flown:
 
     def lost_without_standstill(self, struck: set[str]) -> list[str]:
         """Return the PEs that were lost, were not struck, and beside whose loss no standstill was told."""
-        stood_ns = [one.t_ns for one in self.events if isinstance(one, events.StoodStill)]
         return [
             one.pe
             for one in self.events
-            if isinstance(one, events.PeLost)
-            and one.pe not in struck
-            and not any(abs(at_ns - one.t_ns) < _BESIDE_NS for at_ns in stood_ns)
+            if isinstance(one, events.PeLost) and one.pe not in struck and not self._is_beside_standstill(one)
         ]
+
+    def _is_beside_standstill(self, event: events.Event) -> bool:
+        stood = (one for one in self.events if isinstance(one, events.StoodStill))
+        return any(abs(one.t_ns - event.t_ns) < _BESIDE_NS for one in stood)
 
     def progress(self, done: int, number: int, failures: list[str]) -> None:
         """Print how far a campaign has come, and what has failed since the last call."""

@@ -107,10 +107,11 @@ class Strikes:
             self._ends_as_declared(name, order, since, said)
         for name in struck:
             (self._flight.device(name) / "order").unlink(missing_ok=True)
-        unstruck = self._flight.told(since) - {f"device:{name}" for name in struck}
-        if unstruck:
-            self.failures.append(f"reported, though not struck: {', '.join(sorted(unstruck))}")
         self._settle()
+        harmed = {f"device:{name}" for name, order in struck.items() if order not in HARMLESS}
+        unharmed = self._flight.told_without_standstill(since) - harmed
+        if unharmed:
+            self.failures.append(f"reported, though not harmed: {', '.join(sorted(unharmed))}; struck: {struck}")
 
     def _settle(self) -> None:
         """Clear what was reported, until nothing is reported any more and every device acts again.
@@ -118,30 +119,31 @@ class Strikes:
         That of a driver that was given up takes more than 10 s.
         """
         quiet_s = time.monotonic()
-        while time.monotonic() < quiet_s + _QUIET_S:
+
+        def is_quiet() -> bool:
+            nonlocal quiet_s
             quiet_s = time.monotonic() if self._flight.told_anew() else quiet_s
             self._flight.clear()
-            self._flight.look()
+            return time.monotonic() > quiet_s + _QUIET_S
+
+        self._until("nothing more is reported", is_quiet)
         acts = {name: self._acts(name) for name in self._names}
 
-        def act_again() -> bool:
+        def idle() -> list[str]:
             self._flight.clear()
-            return all(self._acts(name) > before for name, before in acts.items())
+            return [name for name, before in acts.items() if self._acts(name) <= before]
 
-        self._until("every device acts again", act_again)
+        if not self._until("every device acts again", lambda: not idle()):
+            last = [str(one) for one in self._flight.events[-6:]]
+            self.failures[-1] += "\n  ".join([f", but for {', '.join(idle())}; the last events:", *last])
 
     def _ends_as_declared(self, name: str, order: str, since: int, said: int) -> None:
         acts, element = self._acts(name), f"device:{name}"
         if order in HARMLESS:
-            self._until(f"{name} goes on after {order}", lambda: self._acts(name) > acts + 2)
-            reported = element in self._flight.told(since)
-            if reported:
-                self.failures.append(f"{name} was reported after {order}")
-            self.became[f"{order}: {'reported' if reported else 'nothing reported'}"] += 1
+            if self._until(f"{name} goes on after {order}", lambda: self._acts(name) > acts + 2):
+                self.became[f"{order}: goes on"] += 1
             return
         sentence = f"the driver of device {name} {ENDS[order]}" if order in ENDS else ""
-        if order == "hang":
-            sentence = f"the driver of device {name} hangs, and is ended"
 
         def told() -> bool:
             is_reported = element in self._flight.told(since)
