@@ -1,9 +1,13 @@
 """Chips that the kernel's own drivers find, though they are registers in memory: i2c-stub in a user-mode Linux.
 
 0x54   ADC081C      analogue-to-digital converter, by Industrial I/O
+0x10   AD5625       digital-to-analogue converter, by Industrial I/O
 0x2c   AD5241       digital potentiometer: the file rdac0
+0x58   MAX517       digital-to-analogue converter, by Industrial I/O: the kernel gives it no name, but a scale
 0x76   BMP280       barometer; no driver of the kernel has it, so it is raw registers
 0x77   MS5611       another one; its commands are numbers of registers
+
+The two of the second kind have no registers: the kernel sends them messages, which i2c-stub refuses.
 """
 
 import os
@@ -17,11 +21,12 @@ from smbus2 import SMBus
 from heronry_agent.drivers import bmp280, ms5611
 from heronry_tools.runtime.vcan.debian_packages import cache_folder
 
-ADC081C, AD5241, BMP280, MS5611 = 0x54, 0x2C, 0x76, 0x77
+ADC081C, AD5241, AD5625, MAX517, BMP280, MS5611 = 0x54, 0x2C, 0x10, 0x58, 0x76, 0x77
 _BUS = 0
+_BOUND = (("adc081c", ADC081C), ("ad5241", AD5241), ("ad5625", AD5625), ("max517", MAX517))
 _MODULES = (
     *("i2c-core", "i2c-dev", "regmap-i2c", "industrialio", "configfs", "kfifo_buf", "industrialio-triggered-buffer"),
-    *("ti-adc081c", "ad525x_dpot", "ad525x_dpot-i2c"),
+    *("ti-adc081c", "ad525x_dpot", "ad525x_dpot-i2c", "ad5064", "max517"),
 )
 # The example of the data sheet's section 3.12: 100653.27 Pa.
 CALIBRATION = struct.pack("<HhhH8h", 27504, 26435, -1000, 36477, -10685, 3024, 2855, 140, -7, 15500, -14600, 6000)
@@ -43,7 +48,7 @@ class Chips:
             _load()
         self._bus = SMBus(_BUS, force=True)
         self.measure(1)
-        for chip, address in (("adc081c", ADC081C), ("ad5241", AD5241)):
+        for chip, address in _BOUND:
             if not Path(f"/sys/bus/i2c/devices/{_BUS}-{address:04x}").exists():
                 (self._orders / "new_device").write_text(f"{chip} 0x{address:02x}")
         self._fill(bmp280.CHIP_ID, bytes([bmp280.ID]))
@@ -73,6 +78,11 @@ class Chips:
         """Return the name that the kernel gives to the converter: its place on the bus."""
         return f"{_BUS}-{ADC081C:04x}"
 
+    def nameless_output(self) -> str:
+        """Return the folder that the kernel makes for the MAX517."""
+        (folder,) = Path(f"/sys/bus/i2c/devices/{_BUS}-{MAX517:04x}").glob("iio:device*")
+        return folder.name
+
     def register(self) -> int:
         """Return what the potentiometer holds."""
         return int(self.wiper.read_text())
@@ -89,7 +99,7 @@ class Chips:
 def _load() -> None:
     busybox = str(cache_folder() / "busybox-static/bin/busybox")
     kernel = cache_folder() / "user-mode-linux"
-    chips = ",".join(f"0x{address:02x}" for address in (ADC081C, AD5241, BMP280, MS5611))
+    chips = ",".join(f"0x{address:02x}" for address in (*dict(_BOUND).values(), BMP280, MS5611))
     for name, *parameters in (*((module,) for module in _MODULES), ("i2c-stub", f"chip_addr={chips}")):
         file = next(kernel.glob(f"usr/lib/uml/modules/{os.uname().release}/kernel/**/{name}.ko*"), None)
         if file is None:

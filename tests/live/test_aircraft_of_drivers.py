@@ -21,7 +21,8 @@ import can
 import pytest
 
 from heronry_agent.device_driver import NotConnectedError, Setup, checked_options
-from heronry_agent.drivers.iio import device_folder
+from heronry_agent.drivers.canaerospace import ForeignNode as UnitDriver
+from heronry_agent.drivers.iio import IioOutput, device_folder
 from heronry_agent.drivers.iio_buffer import Element, IioBuffer
 from heronry_agent.drivers.ms5611 import Ms5611, pressure_hpa
 from heronry_dg.loader import load
@@ -32,7 +33,8 @@ from heronry_manager.planner.exact import plan
 from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
-from heronry_wire.canaerospace import DataType, Datum, encode_data
+from heronry_wire.canaerospace import DataType, Datum, ErrorReport, encode_data, encode_emergency_event
+from heronry_wire.frame import Frame
 from lab import real_gpsd
 from lab.slow_spec import slow_spec
 from live.kernel_chips import MS5611, Chips
@@ -160,6 +162,41 @@ def test_another_barometer_is_read_by_raw_i2c() -> None:
     prom = chips.fill_ms5611(CONVERTED)
     driver = Ms5611(Setup("barometer", checked_options(Ms5611.OPTIONS, {"bus": 0, "address": MS5611}), 1))
     assert driver.read() == pressure_hpa(prom, CONVERTED, CONVERTED)
+    driver.close()
+
+
+def test_outputs_that_the_kernel_makes_are_found_and_a_transfer_that_fails_is_an_error() -> None:
+    chips = Chips()
+    named, nameless = ("ad5625", "out_voltage3"), (chips.nameless_output(), "out_voltage0")
+    for (device, channel), raw in ((named, True), (nameless, True), (nameless, False)):
+        options = checked_options(IioOutput.OPTIONS, {"device": device, "channel": channel, "raw": raw})
+        with pytest.raises(OSError, match="Errno"):
+            IioOutput(Setup("valve", options, 1)).command(1_000.0)
+    options = checked_options(IioOutput.OPTIONS, {"device": named[0], "channel": named[1]})
+    with pytest.raises(NotConnectedError, match="cannot tell the number in it; with the option 'raw'"):
+        IioOutput(Setup("valve", options, 1))
+
+
+def test_an_emergency_event_of_a_foreign_node_silences_its_datum_for_a_while() -> None:
+    options = checked_options(UnitDriver.OPTIONS, {"node": NODE, "identifier": IDENTIFIER, "quiet_ms": 300})
+    driver = UnitDriver(Setup("unit", options, 1, {"can0": {"interface": "socketcan", "channel": "vcan0"}}, "can0"))
+    datum = encode_data(IDENTIFIER, Datum(NODE, DataType.FLOAT, 0, 0, 2.5))
+    error = ErrorReport(1, 2, 3)
+    with can.Bus("vcan0", interface="socketcan") as bus:
+
+        def hears(*frames: Frame) -> list[object]:
+            """Send some frames, and read as often."""
+            for frame in frames:
+                bus.send(can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False))
+            return [reading and reading.value for reading in (driver.read() for _ in frames)]
+
+        assert hears(datum) == [2.5]
+        assert hears(encode_emergency_event(NODE, error), datum) == [None, None]
+        began_s = time.monotonic()
+        while hears(datum) == [None]:
+            assert time.monotonic() < began_s + PATIENCE_S
+        assert hears(encode_emergency_event(NODE + 1, error), datum) == [2.5, None], "that of another one is not heard"
+        assert hears(datum) == [2.5]
     driver.close()
 
 
