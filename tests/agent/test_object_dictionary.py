@@ -29,7 +29,7 @@ def dictionary(**other: Any) -> ObjectDictionary:
         "arrays": {index: lambda: ["a name"] * 300 for index in ARRAYS},
         "number_writers": {(HEARTBEAT_TIME, 0): lambda _: None, (ERROR_HISTORY, 0): lambda _: None},
         "bytes_writers": {(TABLE, 0): lambda _: None},
-        "takes_bytes": lambda: True,
+        "takes_bytes": lambda _: True,
     }
     return ObjectDictionary(NODE, **{**given, **other})
 
@@ -82,7 +82,7 @@ def test_how_much_may_be_written(place: tuple[int, int], length: int | None, ans
 
 
 def test_long_values_can_be_refused_before_they_come() -> None:
-    busy = dictionary(takes_bytes=lambda: False)
+    busy = dictionary(takes_bytes=lambda _: False)
     assert busy.room(TABLE, 0, 100) is Abort.DEVICE_STATE
     assert busy.room(HEARTBEAT_TIME, 0, 2) == 2
 

@@ -139,8 +139,13 @@ class Strikes:
 
     def _ends_as_declared(self, name: str, order: str, since: int, said: int) -> None:
         acts, element = self._acts(name), f"device:{name}"
+
+        def goes_on() -> bool:
+            self._flight.clear()  # a standstill of the computer may have had it reported
+            return self._acts(name) > acts + 2
+
         if order in HARMLESS:
-            if self._until(f"{name} goes on after {order}", lambda: self._acts(name) > acts + 2):
+            if self._until(f"{name} goes on after {order}", goes_on):
                 self.became[f"{order}: goes on"] += 1
             return
         sentence = f"the driver of device {name} {ENDS[order]}" if order in ENDS else ""
