@@ -1,15 +1,18 @@
-"""python-can is imported without asammdf, and asammdf can be imported afterwards."""
+"""python-can is imported without asammdf and asyncio, and both can be used afterwards."""
 
 import ast
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import heronry_agent
 import heronry_dg
 import heronry_manager
 import heronry_tools
 import heronry_wire
+from heronry_wire.bare_can import _Later
 
 PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_tools)
 
@@ -21,6 +24,25 @@ def printed(program: str) -> str:
 def test_asammdf_is_not_imported_and_can_be() -> None:
     program = "import sys, heronry_wire.link; print('asammdf' in sys.modules); import asammdf; print(asammdf.__name__)"
     assert printed(program) == "False\nasammdf"
+
+
+def test_asyncio_is_imported_when_python_can_asks_for_it() -> None:
+    program = """
+import sys
+from heronry_wire.bare_can import can
+print("asyncio" in sys.modules, "ssl" in sys.modules)
+can.AsyncBufferedReader()
+import asyncio
+print(can.notifier.asyncio.iscoroutine is asyncio.iscoroutine)
+"""
+    assert printed(program) == "False False\nTrue"
+
+
+def test_a_stand_in_makes_way_for_what_is_asked_during_the_import(monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in = _Later("colorsys")
+    monkeypatch.setitem(sys.modules, "colorsys", stand_in)
+    assert stand_in.rgb_to_hsv(0, 0, 0) == (0.0, 0.0, 0)
+    assert sys.modules["colorsys"] is not stand_in
 
 
 def test_a_program_that_has_python_can_keeps_it() -> None:
