@@ -92,7 +92,7 @@ class WiredInputs:
             source.frames += 1
 
     def findings(self, end_ns: int, told: Collection[_Datum] = ()) -> Iterator[Finding]:
-        """Give findings about data, and about the functions in the configuration, after listening up to `end_ns`.
+        """Return findings about data, and about the functions in the configuration, after listening up to `end_ns`.
 
         told: data that PEs report as silent themselves; they may be on no bus.
         """
@@ -141,14 +141,14 @@ class WiredInputs:
         return Finding("inputs", says, f"{look} into the log of the agent of {pe}")
 
     def _roots(self, silent: Collection[_Datum]) -> list[_Datum]:
-        """Give the silent data that follow from no other one; of a loop of silent data all of them."""
+        """Return the silent data that follow from no other one; of a loop of silent data all of them."""
         upstream = {datum: self._lacked(datum[0], silent) for datum in silent}
         for _ in silent:  # as many steps as a way through all of them has
             upstream = {datum: found.union(*(upstream[one] for one in found)) for datum, found in upstream.items()}
         return [datum for datum in silent if all(datum in upstream[one] for one in upstream[datum])]
 
     def _lacked(self, module: str, silent: Collection[_Datum]) -> set[_Datum]:
-        """Give the silent data that a module lacks, itself or by data that are on no bus."""
+        """Return the silent data that a module lacks, itself or by data that are on no bus."""
         found, seen, frontier = set[_Datum](), {module}, [module]
         while frontier:
             for wire in self.configuration.modules[frontier.pop()].inputs.values():

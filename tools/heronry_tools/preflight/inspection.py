@@ -87,7 +87,7 @@ class Inspection:
 
 
 def _as_flown(spec: Spec, status: Mapping[str, Any]) -> Spec:
-    """Give the spec with longer heartbeats, if the manager flies with longer ones, as a demo does."""
+    """Return the spec with longer heartbeats, if the manager flies with longer ones, as a demo does."""
     period_ns = status["manager"].get("heartbeat_ns", 0)
     return with_heartbeat(spec, period_ns) if period_ns > spec.buses[spec.manager.bus].heartbeat_ns else spec
 
@@ -103,7 +103,7 @@ def _computer(spec: Spec, told: Status) -> Iterator[Finding]:
 
 
 def _own_bus(spec: Spec, told: Status) -> Iterator[BusChoice]:
-    """Give the bus on which the manager is; none if only the manager's can.conf names its channel."""
+    """Return the bus on which the manager is; none if only the manager's can.conf names its channel."""
     place = told.bus
     if place.channel and " " not in place.interface:
         bus = spec.buses[place.name]
@@ -112,7 +112,7 @@ def _own_bus(spec: Spec, told: Status) -> Iterator[BusChoice]:
 
 
 def _situation(status: Mapping[str, Any]) -> Situation:
-    """Give the situation as the manager knows it, as far as routes of data depend on it."""
+    """Return the situation as the manager knows it, as far as routes of data depend on it."""
     down = {f"pe:{name}" for name, pe in status["pes"].items() if pe["state"] in ("down", "returning")}
     limits = {f"bus:{bus}": Fraction(link["limit"], 1000) for bus, link in status["links"].items()}
     return Situation(frozenset(down | {fault["element"] for fault in status["latched"]}), limits, status["phase"])
@@ -124,7 +124,7 @@ def _new_epoch(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[
 
 
 def _pes(status: Mapping[str, Any], survey: Survey) -> Iterator[Finding]:
-    """Give findings about PEs and their tables; a PE that is not heard, or has another table, is named for that."""
+    """Return findings about PEs and their tables; a PE that is not heard, or has another table, is named for that."""
     unheard, strangers = survey.pes_unheard(), set[str]()
     for finding, of_other_tables in survey.tables():
         strangers |= of_other_tables

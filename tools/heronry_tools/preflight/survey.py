@@ -71,7 +71,7 @@ class Survey:
                     inputs.take(name, t_ns, frame)
 
     def findings(self, seconds: float) -> Iterator[Finding]:
-        """Give findings about what was heard in `seconds`; PEs are left out (`pes_heard`)."""
+        """Return findings about what was heard in `seconds`; PEs are left out (`pes_heard`)."""
         main = self.spec.manager.bus
         for name, heard in self.heard.items():
             named, expected = self._named(name), self.expected[name]
@@ -87,7 +87,7 @@ class Survey:
             yield assess_clock(self.heard[main])
 
     def pes_unheard(self) -> dict[str, str]:
-        """Give the PEs that the heard buses should carry and that were not heard, each with what to type."""
+        """Return the PEs that the heard buses should carry and that were not heard, each with what to type."""
         carried = {pe: name for name in self.heard for pe in self.expected[name].pes.values()}
         nodes = {node for heard in self.heard.values() for node in heard.incarnations}
         return {

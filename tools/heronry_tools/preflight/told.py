@@ -10,7 +10,7 @@ from heronry_wire.authentication import Key
 
 
 def assess_spec(status: Mapping[str, Any], spec: Spec, named: str) -> Finding:
-    """Give the finding about the spec of the manager; `named`: the spec as the user named it."""
+    """Return the finding about the spec of the manager; `named`: the spec as the user named it."""
     if status["spec_digest"] == spec.digest:
         return Finding("spec", f"the manager flies {spec.name} (digest {spec.digest[:8]}), as {named} has it")
     says = f"the manager flies {status['spec']} (digest {status['spec_digest'][:8]}), and {named} has {spec.digest[:8]}"
@@ -18,7 +18,7 @@ def assess_spec(status: Mapping[str, Any], spec: Spec, named: str) -> Finding:
 
 
 def assess_key(status: Mapping[str, Any], key: Key | None) -> Finding:
-    """Give the finding about the manager's key; `key`: the one that the user expects, None: any, or none."""
+    """Return the finding about the manager's key; `key`: the one that the user expects, None: any, or none."""
     held = status["manager"]["key"]
     if key is not None and held != key.fingerprint:
         says = "the manager has no key" if held is None else f"the manager has another key ({held})"
@@ -29,7 +29,7 @@ def assess_key(status: Mapping[str, Any], key: Key | None) -> Finding:
 
 
 def assess_contingencies(status: Mapping[str, Any], spec: Spec, named: str) -> Finding:
-    """Give the finding about plans made ahead; a spec asks for them unless its `contingency` has no faults."""
+    """Return the finding about plans made ahead; a spec asks for them unless its `contingency` has no faults."""
     made = status["manager"].get("contingencies")
     if made is not None and made["plans"]:
         says = f"{made['plans']} plans were made ahead, of which a PE has {min(made['on_board'].values())} or more"
@@ -41,17 +41,17 @@ def assess_contingencies(status: Mapping[str, Any], spec: Spec, named: str) -> F
 
 
 def silent_data(status: Mapping[str, Any]) -> set[tuple[str, str]]:
-    """Give the data that PEs report as silent: producer and variable of each."""
+    """Return the data that PEs report as silent: producer and variable of each."""
     return {(one["producer"] or one["module"], one["variable"]) for one in status.get("silences", ())}
 
 
 def files_of(status: Mapping[str, Any]) -> Iterator[Path]:
-    """Give the files that the manager uses: its spec, and its journal if it keeps one."""
+    """Return the files that the manager uses: its spec, and its journal if it keeps one."""
     files: Mapping[str, str | None] = status.get("files", {})
     yield from (Path(file) for file in files.values() if file is not None)
 
 
 def journal_folder(status: Mapping[str, Any]) -> Path | None:
-    """Give the folder of the manager's journal; None if it keeps none."""
+    """Return the folder of the manager's journal; None if it keeps none."""
     file = status.get("files", {}).get("journal")
     return None if file is None else Path(file).parent

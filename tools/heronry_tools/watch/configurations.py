@@ -47,7 +47,7 @@ class RunningPlan:
         return cls(Configuration({name: known[name] for name in spec.modules if name in known}), plan)
 
     def places(self) -> dict[str, Place]:
-        """Give the PE and mode of each module."""
+        """Return the PE and mode of each module."""
         return {name: Place(running.pe, running.mode) for name, running in self.configuration.modules.items()}
 
 
@@ -102,7 +102,7 @@ class Situations:
         )
 
     def _situation(self, snapshot: Snapshot) -> Situation:
-        """Give the situation as far as it is known; a PE that was never heard counts as available."""
+        """Return the situation as far as it is known; a PE that was never heard counts as available."""
         missing = {f"pe:{name}" for name, pe in snapshot.pes.items() if pe.standing in _UNAVAILABLE}
         down = (missing | {fault.element for fault in snapshot.faults}) - {f"bus:{self._spec.manager.bus}"}
         limits = {f"bus:{name}": _share(bus.link) for name, bus in snapshot.buses.items() if bus.link is not None}

@@ -52,7 +52,7 @@ class DataSample(NamedTuple):
 
 
 def data_sources(spec: Spec) -> Mapping[int, DataSource]:
-    """Give every source of a spec, in the spec's order, by the identifier of its frames."""
+    """Return every source of a spec, in the spec's order, by the identifier of its frames."""
     return {can_id: _source(spec, *source, can_id) for source, can_id in identifiers(spec).items()}
 
 

@@ -38,7 +38,7 @@ class LiveGraphs:
         self._made = lru_cache(maxsize=8)(self._make)
 
     def graph(self, now: Situation, configuration: Configuration) -> Graph:
-        """Give the state of every symbol and edge, for a situation and the configuration that runs in it."""
+        """Return the state of every symbol and edge, for a situation and the configuration that runs in it."""
         return self._made(now, _choices(configuration))
 
     def _make(self, now: Situation, choices: _Choices) -> Graph:
@@ -63,7 +63,7 @@ class LiveGraphs:
 
 
 def _choices(configuration: Configuration) -> _Choices:
-    """Give the PE, the mode and the wires of each module of a configuration, in a form that a cache can compare."""
+    """Return the PE, the mode and the wires of each module of a configuration, in a form that a cache can compare."""
     return tuple(
         (name, running.pe, running.mode, tuple(sorted(running.inputs.items())))
         for name, running in configuration.modules.items()
@@ -76,7 +76,7 @@ def is_degraded(spec: Spec, configuration: Configuration, module: str) -> bool:
 
 
 def _lost_outputs(spec: Spec, now: Situation, configuration: Configuration) -> set[str]:
-    """Give the keys of the output symbols of functions that are wanted and not served."""
+    """Return the keys of the output symbols of functions that are wanted and not served."""
     unserved = [
         function
         for function in spec.functions.values()

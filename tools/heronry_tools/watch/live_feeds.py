@@ -50,10 +50,10 @@ class Feed(Protocol):
     frames: list[LoggedFrame]  # heard in the last poll
 
     def readers(self) -> Sequence[Any]:
-        """Give the descriptors (or objects with one) that become readable when something has come."""
+        """Return the descriptors (or objects with one) that become readable when something has come."""
 
     def poll(self) -> list[Event]:
-        """Give the events since the last poll, without waiting."""
+        """Return the events since the last poll, without waiting."""
 
     def close(self) -> None:
         """Close the connection to the manager, or the buses."""
@@ -78,7 +78,7 @@ class HeardBuses:
             raise
 
     def readers(self) -> list[Any]:
-        """Give the descriptors that become readable when a frame has come."""
+        """Return the descriptors that become readable when a frame has come."""
         return [reader for ear in self._ears.values() for reader in ear.readers]
 
     def poll(self, frames: list[LoggedFrame]) -> list[Event]:
@@ -128,7 +128,7 @@ class FollowedManager:
         self._buses = self._opened(first.bus) if hears_bus else None
 
     def readers(self) -> Sequence[Any]:
-        """Give the descriptors that become readable when an event of the manager, or a frame of the bus, has come."""
+        """Return the descriptors that become readable when an event of the manager, or a frame of the bus, has come."""
         line = [] if self.trouble else [self._line]
         return [*line, *([] if self._buses is None else self._buses.readers())]
 
@@ -210,7 +210,7 @@ class ListenedBuses:
         self._events: list[Event] = [FeedEvent(now_ns, "bus", knows_why=False, spec=spec.name, spec_digest=spec.digest)]
 
     def readers(self) -> Sequence[Any]:
-        """Give the descriptors that become readable when a frame has come."""
+        """Return the descriptors that become readable when a frame has come."""
         return self._buses.readers()
 
     def poll(self) -> list[Event]:
@@ -225,7 +225,7 @@ class ListenedBuses:
 
 
 def status_now(path: Path) -> Status:
-    """Give the status of the manager whose socket has the path `path`, with the plan that runs, and its bus.
+    """Return the status of the manager whose socket has the path `path`, with the plan that runs, and its bus.
 
     Raises ControlError if the manager does not listen, or sends no status.
     """
@@ -271,7 +271,7 @@ def _spec_of(first: Status) -> Spec:
 
 
 def _refusal(line: bytes) -> str:
-    """Give the sentence in the answer of a manager that cannot be followed; if it has none, the answer itself."""
+    """Return the sentence in the answer of a manager that cannot be followed; if it has none, the answer itself."""
     with suppress(ValueError):
         match json.loads(line):
             case {"sentence": str(sentence)}:

@@ -28,7 +28,7 @@ _COSTS: tuple[tuple[str, str, Callable[[NodeCost], float]], ...] = (
 
 
 def exposition(snapshot: Snapshot) -> bytes:
-    """Give the page that Prometheus scrapes."""
+    """Return the page that Prometheus scrapes."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(_Once(snapshot))
     return bytes(generate_latest(registry))

@@ -70,7 +70,7 @@ class OfferedOrders:
         self._spec, self._kinds = spec, kinds
 
     def now(self, view: Snapshot) -> dict[str, list[str]]:
-        """Give for each element the orders that can be given to it now; an element without any is left out.
+        """Return for each element the orders that can be given to it now; an element without any is left out.
 
         Under the empty name stand the orders that name no element.
         """

@@ -87,7 +87,7 @@ def _served(snapshot: Snapshot) -> set[str]:
 
 
 def _places(snapshot: Snapshot, known: Mapping[str, Place]) -> Mapping[str, Place]:
-    """Give the PE and the mode of each module that runs.
+    """Return the PE and the mode of each module that runs.
 
     If they are the same as in `known`, the result is the mapping `known` itself: the many reconfigurations that
     a snapshot keeps then share one mapping.

@@ -20,5 +20,5 @@ class Recording:
     source: Source
 
     def timeline(self) -> Timeline:
-        """Give the timeline, which has the snapshot at any time."""
+        """Return the timeline, which has the snapshot at any time."""
         return Timeline(Reducer(self.spec), self.events, self.source)

@@ -111,13 +111,13 @@ class Reducer:
         self._situations = Situations(spec)
 
     def start(self, source: Source = "manager") -> State:
-        """Give the state before the first event; `source` is the kind of the feed."""
+        """Return the state before the first event; `source` is the kind of the feed."""
         spec = self.spec
         snapshot = Snapshot(source=source, spec=spec.name, spec_digest=spec.digest, phase=spec.initial_phase())
         return State(self._situations.shown(self._situations.first(snapshot), NOTHING_RUNS))
 
     def after(self, state: State, event: Event) -> State:
-        """Give the state after an event."""
+        """Return the state after an event."""
         before, kind, t_ns = state.snapshot, type(event), event.t_ns
         snapshot = replace(
             before,
@@ -139,7 +139,7 @@ class Reducer:
         return state
 
     def all(self, told: Iterable[Event], start: State | None = None) -> State:
-        """Give the state after all these events (`told`).
+        """Return the state after all these events (`told`).
 
         start: the state before the first of them; None: the state of a feed without any event.
         """

@@ -25,7 +25,7 @@ _SEVERITIES: Mapping[Tone, Severity] = {
 
 
 def sentence_of(event: events.Event) -> tuple[Severity, str] | None:
-    """Give severity and sentence of an event; None for an event that is not listed."""
+    """Return severity and sentence of an event; None for an event that is not listed."""
     if type(event) in _OWN:
         severity, tell = _OWN[type(event)]
         return severity, tell(event)

@@ -295,5 +295,5 @@ class Snapshot:
 
 
 def document(snapshot: Snapshot) -> dict[str, Any]:
-    """Give a snapshot as plain data, as `heronry top --json` prints it."""
+    """Return a snapshot as plain data, as `heronry top --json` prints it."""
     return asdict(snapshot)

@@ -25,32 +25,32 @@ class Timeline:
 
     @property
     def begins_ns(self) -> int:
-        """Give the time of the first event; 0 if there is no event."""
+        """Return the time of the first event; 0 if there is no event."""
         return self.times_ns[0] if self.times_ns else 0
 
     @property
     def ends_ns(self) -> int:
-        """Give the time of the last event; 0 if there is no event."""
+        """Return the time of the last event; 0 if there is no event."""
         return self.times_ns[-1] if self.times_ns else 0
 
     def at(self, t_ns: int) -> Snapshot:
-        """Give the snapshot after all events up to and including `t_ns`."""
+        """Return the snapshot after all events up to and including `t_ns`."""
         return self.after(self.events_until(t_ns)).snapshot
 
     def last(self) -> Snapshot:
-        """Give the snapshot after all events."""
+        """Return the snapshot after all events."""
         return self.after(len(self.events)).snapshot
 
     def reconfigurations(self) -> list[int]:
-        """Give the times at which reconfigurations were complete."""
+        """Return the times at which reconfigurations were complete."""
         return [event.t_ns for event in self.events if isinstance(event, Reconfigured | EpochSeen)]
 
     def events_until(self, t_ns: int) -> int:
-        """Give the number of events up to and including `t_ns`."""
+        """Return the number of events up to and including `t_ns`."""
         return bisect_right(self.times_ns, t_ns)
 
     def after(self, count: int, known: State | None = None) -> State:
-        """Give the state after the first `count` events.
+        """Return the state after the first `count` events.
 
         known: a state after some of these events; the computation continues from it if that is shorter.
         """

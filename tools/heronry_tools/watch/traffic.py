@@ -39,7 +39,7 @@ _KIND_OF = {
 
 @cache
 def kind_of(can_id: int) -> str:
-    """Give the kind of traffic to which a standard identifier belongs."""
+    """Return the kind of traffic to which a standard identifier belongs."""
     return _KIND_OF.get(classify(can_id).use, "other")
 
 

@@ -86,7 +86,7 @@ class Site:
 
     @cached_property
     def facts(self) -> dict[str, Any]:
-        """Give what a page gets once, when it is opened: the spec's facts, and what this server can do."""
+        """Return what a page gets once, when it is opened: the spec's facts, and what this server can do."""
         return {
             **facts(self.spec),
             "recorded": isinstance(self.shown, Recording),
@@ -101,7 +101,7 @@ class Site:
         return RecordedPlots(self.shown.reducer, self.shown.events, self.frames)
 
     def picture(self, function: str) -> str:
-        """Give the drawing of what contributes to a function, or of the whole graph if `function` is empty.
+        """Return the drawing of what contributes to a function, or of the whole graph if `function` is empty.
 
         Each drawing is made only once.
         """

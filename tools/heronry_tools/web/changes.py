@@ -27,7 +27,7 @@ _GRAPH: Final = ("nodes", "cells", "edges")
 
 
 def plain(value: Any) -> Any:
-    """Give a part of a snapshot as plain data."""
+    """Return a part of a snapshot as plain data."""
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     if isinstance(value, Mapping):
@@ -38,7 +38,7 @@ def plain(value: Any) -> Any:
 
 
 def change(before: Snapshot, after: Snapshot) -> Document:
-    """Give the difference that leads from the snapshot `before` to the snapshot `after`."""
+    """Return the difference that leads from the snapshot `before` to the snapshot `after`."""
     found: Document = {"set": {}, "merge": {}, "graph": {}}
     for field in fields(Snapshot):
         name = field.name

@@ -72,7 +72,7 @@ class Desk:
         return self._told(plan(self._spec, self._situation(question)))
 
     def _script(self, text: str, modules: dict[str, Any], question: Mapping[str, Any]) -> dict[str, Any]:
-        """Give the plan that a script makes from the running configuration.
+        """Return the plan that a script makes from the running configuration.
 
         Gives a refusal if the script cannot be applied, or if its result is not legal. A manager also compares
         the plan with the best plan, and refuses the script if the plan that the script makes is worse at level 1.

@@ -13,7 +13,7 @@ from heronry_tools.web.picture import contributing, symbols
 
 
 def facts(spec: Spec) -> dict[str, Any]:
-    """Give the facts about a spec that a web page needs, as plain data."""
+    """Return the facts about a spec that a web page needs, as plain data."""
     return {
         "name": spec.name,
         "digest": spec.digest,

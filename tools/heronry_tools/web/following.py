@@ -32,7 +32,7 @@ OpenFeed = Callable[[], Feed]
 
 
 def standby_of(path: Path) -> Path:
-    """Give the path of the standby manager's socket, beside the given socket of a manager."""
+    """Return the path of the standby manager's socket, beside the given socket of a manager."""
     return path.with_name(f"{path.stem}-standby{path.suffix}")
 
 

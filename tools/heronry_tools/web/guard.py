@@ -76,7 +76,7 @@ class Access:
         return name in _LOOPBACK_NAMES or name == socket.gethostname() or _is_address(name)
 
     def url(self, *, with_token: bool) -> str:
-        """Give the address to open in a browser.
+        """Return the address to open in a browser.
 
         with_token: whether the address contains the secret token, after `#`.
         """
@@ -113,7 +113,7 @@ class Asked:
 
 
 def refusal(access: Access, asked: Asked) -> Refusal | None:
-    """Give the reason why a request is not let in; None where it is let in."""
+    """Return the reason why a request is not let in; None where it is let in."""
     host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
     if not access.knows_host(host):
         return Refusal(403, f"'{host}' is no address of this server: open {access.url(with_token=False)}")

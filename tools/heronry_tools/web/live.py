@@ -31,7 +31,7 @@ Load = dict[str, Any]
 
 
 def load_of(number: int, event: events.BusSeen) -> Load:
-    """Give the load of a bus in a `bus_seen` event, in the form that a page reads.
+    """Return the load of a bus in a `bus_seen` event, in the form that a page reads.
 
     number: the number of the event in the feed.
     """
@@ -70,11 +70,11 @@ class Live:
 
     @property
     def snapshot(self) -> Snapshot:
-        """Give the present snapshot."""
+        """Return the present snapshot."""
         return self._state.snapshot
 
     def age_s(self) -> float:
-        """Give the time in seconds since an event, the connection or the bus last showed that the system is there."""
+        """Return the time in seconds since an event, the connection or the bus last showed that the system is there."""
         return time.monotonic() - self._last_came_s
 
     def take_all(self, come: Iterable[Event], trouble: str | None, *, is_alive: bool) -> None:
@@ -110,7 +110,7 @@ class Live:
         return [load for load in self._loads if load["number"] > after]
 
     def lines(self) -> Iterable[str]:
-        """Give the last events, a line of JSON each."""
+        """Return the last events, a line of JSON each."""
         return tuple(decompress(line).decode() for line in self._lines)
 
     async def changed(self, longest_s: float) -> bool:

@@ -101,7 +101,7 @@ def _demo(arguments: argparse.Namespace) -> Opened:
 
 
 def _spec_file(arguments: argparse.Namespace) -> Path:
-    """Give the file of a recording's spec, which the planner's process loads."""
+    """Return the file of a recording's spec, which the planner's process loads."""
     if arguments.spec is not None:
         return spec_path(arguments.spec)
     if arguments.log.suffix == ".scenario":

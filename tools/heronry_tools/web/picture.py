@@ -32,7 +32,7 @@ def symbols(spec: Spec) -> list[dict[str, str]]:
 
 
 def contributing(spec: Spec) -> dict[str, list[str]]:
-    """Give for each function the keys of the symbols that contribute to it."""
+    """Return for each function the keys of the symbols that contribute to it."""
     return {function: list(_bare(spec, function).nodes) for function in spec.functions}
 
 

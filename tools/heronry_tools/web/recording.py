@@ -27,14 +27,14 @@ class Recording(Timeline):
 
     @property
     def first_configuration_ns(self) -> int:
-        """Give the time (ns) at which the first configuration runs; if none ever runs, the begin of the recording.
+        """Return the time (ns) at which the first configuration runs; if none ever runs, the begin of the recording.
 
         A page begins at this time.
         """
         return self._first_ns
 
     def loads(self, after: int, until: int) -> list[Load]:
-        """Give the loads of the buses in the events numbered above `after` and up to `until`.
+        """Return the loads of the buses in the events numbered above `after` and up to `until`.
 
         If these loads span more than ten minutes, only those of the last ten minutes are given.
         """
@@ -42,7 +42,7 @@ class Recording(Timeline):
         return found[-KEPT_LOADS * max(1, len(self.reducer.spec.buses)) :]
 
     def lines(self) -> Iterator[str]:
-        """Give every event that the page lists (all except `NOT_LISTED`), a line of JSON each."""
+        """Return every event that the page lists (all except `NOT_LISTED`), a line of JSON each."""
         for event in self.events:
             if not isinstance(event, NOT_LISTED):
                 yield to_line(event)

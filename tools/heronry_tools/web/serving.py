@@ -47,7 +47,7 @@ def listening(address: str, port: int | None) -> socket.socket:
 
 
 def access(listener: socket.socket, *, operates: bool) -> Access:
-    """Give the access rules of a server, with a new token; `operates`: whether its pages may give orders."""
+    """Return the access rules of a server, with a new token; `operates`: whether its pages may give orders."""
     address, port = listener.getsockname()[:2]
     return Access(address, port, secrets.token_urlsafe(24), operates)
 
@@ -83,7 +83,7 @@ def serve(site: Site, listener: socket.socket, begun: Callable[[], None]) -> Non
 
 
 def configuration(site: Site, begun: Callable[[], None] = lambda: None) -> uvicorn.Config:
-    """Give uvicorn's settings for the pages of `site`.
+    """Return uvicorn's settings for the pages of `site`.
 
     begun: is called in the event loop as soon as the server can answer requests.
     """

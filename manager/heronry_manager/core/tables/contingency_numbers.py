@@ -91,12 +91,12 @@ class PeTables:
         self._compiler, self._held = compiler, {one.pe: one for one in held}
 
     def text(self, pe: str) -> str:
-        """Give the text of a PE's table."""
+        """Return the text of a PE's table."""
         table = self._compiler.table(pe)
         return (loaded(table, self._held[pe]) if pe in self._held else table).to_json()
 
     def contents(self) -> dict[str, bytes]:
-        """Give the table of every PE as it goes over the bus, by name; this takes some milliseconds for each."""
+        """Return the table of every PE as it goes over the bus, by name; this takes some milliseconds for each."""
         return {pe: compressed(self.text(pe)) for pe in self._compiler.pes}
 
 

@@ -298,7 +298,7 @@ class IsolatedDevice:
 
 
 def _handed(*pairs: tuple[int, int]) -> list[tuple[int, int, int]]:
-    """Give the actions that hand descriptors to a process under fixed numbers, whatever their own numbers are.
+    """Return the actions that hand descriptors to a process under fixed numbers, whatever their own numbers are.
 
     They are copied out of the way first, since one of them may have a number that is wanted for another.
     """

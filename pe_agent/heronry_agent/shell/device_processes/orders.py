@@ -23,7 +23,7 @@ class DeviceOrders:
     uplink: str = ""
 
     def to_json(self) -> str:
-        """Give the orders as text in one line."""
+        """Return the orders as text in one line."""
         return json.dumps(asdict(self), default=str)
 
     @staticmethod

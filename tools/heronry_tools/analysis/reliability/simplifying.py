@@ -150,7 +150,7 @@ def _decides(
 
 
 def _together(formula: Formula, root: int) -> int:
-    """Return a gate of their own to inputs that the same gates read, if these are all ORs or all ANDs."""
+    """Give a gate of their own to inputs that the same gates read, if these are all ORs or all ANDs."""
     nodes = formula.below(root)
     merged = _merged(formula, nodes)
     now: dict[int, int] = {}

@@ -42,7 +42,7 @@ class Series:
 
 
 def signals_of(recording: Recording) -> list[Series]:
-    """Give all signals of a recording, in the order of the spec."""
+    """Return all signals of a recording, in the order of the spec."""
     data = _Data(recording.spec)
     for logged in recording.frames:
         data.take(logged.time_ns, logged.frame)
@@ -86,7 +86,7 @@ class _Data:
 
 
 def _states(recording: Recording) -> list[Series]:
-    """Give the signals of PEs, buses and functions, from the events of a recording."""
+    """Return the signals of PEs, buses and functions, from the events of a recording."""
     spec, found = recording.spec, dict[str, Series]()
     for pe in spec.pes:
         found[f"pe.{pe}.load"] = Series(f"pe.{pe}.load", "%", f"CPU load that {pe} measures")
@@ -120,5 +120,5 @@ def _samples(event: events.Event) -> Iterator[tuple[str, float | None]]:
 
 
 def listed_events(recording: Recording) -> Sequence[events.Event]:
-    """Give the events of a recording, without those that are only samples of a signal."""
+    """Return the events of a recording, without those that are only samples of a signal."""
     return [one for one in recording.events if not isinstance(one, events.BusSeen | events.Heard | events.PeSeen)]

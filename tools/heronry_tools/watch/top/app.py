@@ -182,7 +182,7 @@ class TopApp(App[None]):
         self.call_after_refresh(self.paint)
 
     def snapshot(self) -> Snapshot:
-        """Give the snapshot that is shown: the present one, or the frozen one."""
+        """Return the snapshot that is shown: the present one, or the frozen one."""
         return self.source.snapshot() if self._frozen is None else self._frozen
 
     def _take(self) -> None:
@@ -344,7 +344,7 @@ class TopApp(App[None]):
 
 
 def _fileno(reader: Any) -> int:
-    """Give the descriptor of a reader, which may be a number or an object with `fileno`."""
+    """Return the descriptor of a reader, which may be a number or an object with `fileno`."""
     return reader if isinstance(reader, int) else int(reader.fileno())
 
 

@@ -32,11 +32,11 @@ class Order:
     to: int | None = None
 
     def word(self) -> str:
-        """Give the order in a few words."""
+        """Return the order in a few words."""
         return ORDERS[self.do].word.replace("{what}", self.what)
 
     def question(self) -> str:
-        """Give the question that is asked before the order is given."""
+        """Return the question that is asked before the order is given."""
         if self.do == "priority" and self.to is None:
             return f"Give {self.what} the priority of the spec again?"
         return ORDERS[self.do].question.replace("{what}", self.what).replace("{to}", str(self.to))

@@ -62,7 +62,7 @@ def seconds(ns: int | None, digits: int = 1) -> str:
 
 
 def head(view: Snapshot) -> list[Text]:
-    """Give the head of the view: a line about the system, and lines about what is wrong with the system.
+    """Return the head of the view: a line about the system, and lines about what is wrong with the system.
 
     The first line has spec, phase, epoch, term, manager and stage (for example PLANNING or RUNNING).
     Below it there is a line with all that is wrong but for lost functions, and one for each of the first lost ones:
@@ -96,7 +96,7 @@ def _silent(one: Silence) -> str:
 
 
 def buses(view: Snapshot, width: int) -> list[Text]:
-    """Give one line for each bus: a bar of its load, and the present, the peak and the planned load in percent."""
+    """Return one line for each bus: a bar of its load, and the present, the peak and the planned load in percent."""
     return [_bus(name, bus, max(8, min(40, width - 52))) for name, bus in view.buses.items()]
 
 
@@ -117,7 +117,7 @@ def _bus(name: str, bus: Bus, cells: int) -> Text:
 
 
 def pes(view: Snapshot, look: Look) -> list[Text]:
-    """Give a heading, and one line for each PE that matches the filter."""
+    """Return a heading, and one line for each PE that matches the filter."""
     lines = [Text("  PE         heard epoch CPU     mod rst", "bold")]
     for name, pe in view.pes.items():
         if _matches(look, name, pe.why):
@@ -146,7 +146,7 @@ def _bar(budget: Budget, cells: int) -> str:
 
 
 def function_state(function: Function) -> tuple[str, str]:
-    """Give the letter and the colour for the state of a function."""
+    """Return the letter and the colour for the state of a function."""
     if not function.wanted:
         return "-", "dim"
     if function.served is None:
@@ -159,7 +159,7 @@ def function_state(function: Function) -> tuple[str, str]:
 
 
 def functions(view: Snapshot, look: Look) -> list[Text]:
-    """Give a heading, one line for each wanted function, and one line with the names of the other functions.
+    """Return a heading, one line for each wanted function, and one line with the names of the other functions.
 
     A wanted function that is not served has `lost`, for how long, and after `<-` the reason. Functions that do
     not match the filter are left out.
@@ -186,7 +186,7 @@ def _function(view: Snapshot, name: str, one: Function) -> Text:
 
 
 def plants(view: Snapshot, look: Look) -> list[Text]:
-    """Give a heading, and a line for each plant that matches the filter; nothing if no plant matches.
+    """Return a heading, and a line for each plant that matches the filter; nothing if no plant matches.
 
     The line says whether the control loop through the plant is closed, and if it is open, why.
     """
@@ -201,7 +201,7 @@ def _plant(name: str, one: Plant) -> Text:
 
 
 def modules(view: Snapshot, look: Look) -> list[Text]:
-    """Give the lines of the selected PE's modules."""
+    """Return the lines of the selected PE's modules."""
     pe = view.pes.get(look.selected)
     if pe is None:
         return [Text("no PE is selected: press down", "dim")]
@@ -225,7 +225,7 @@ def _module(name: str, module: Module) -> Text:
 
 
 def reconfigurations(view: Snapshot, look: Look) -> list[Text]:
-    """Give the last reconfigurations, newest first."""
+    """Return the last reconfigurations, newest first."""
     lines = [Text("epoch  detect decide distr. activ.  m/s/s    lost <- why", "bold")]
     shown = (one for one in reversed(view.reconfigurations) if _matches(look, one.sentence, *one.lost))
     lines += map(_reconfiguration, shown)
@@ -244,7 +244,7 @@ def _reconfiguration(one: Reconfiguration) -> Text:
 
 
 def events(view: Snapshot, look: Look, most: int) -> list[Text]:
-    """Give the last events, at most `most`, newest first."""
+    """Return the last events, at most `most`, newest first."""
     shown = [told for told in reversed(view.told) if _matches(look, told.sentence, told.event)]
     return [_told(view, told) for told in shown[:most]] or [Text("nothing yet", "dim")]
 
@@ -256,7 +256,7 @@ def _told(view: Snapshot, told: Told) -> Text:
 
 
 def details(view: Snapshot, look: Look) -> Iterator[str]:
-    """Give the details that a page shows, as lines of text.
+    """Return the details that a page shows, as lines of text.
 
     These are all that is known of the selected PE and of the last reconfiguration. At the end come what is silent, what
     is less than the best upstream of the functions, and the wanted functions that are not served, with the reasons.

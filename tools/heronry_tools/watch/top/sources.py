@@ -25,7 +25,7 @@ class LiveSource:
         self._state = self._reducer.start(feed.source)
 
     def readers(self) -> Sequence[Any]:
-        """Give the descriptors of the feed that become readable when the feed has received something."""
+        """Return the descriptors of the feed that become readable when the feed has received something."""
         return self._feed.readers()
 
     def look(self) -> None:
@@ -33,11 +33,11 @@ class LiveSource:
         self._state = self._reducer.all(self._feed.poll(), self._state)
 
     def snapshot(self) -> Snapshot:
-        """Give the present snapshot."""
+        """Return the present snapshot."""
         return self._state.snapshot
 
     def note(self) -> str:
-        """Give a sentence about what is wrong with the feed; empty if nothing is."""
+        """Return a sentence about what is wrong with the feed; empty if nothing is."""
         return self._feed.trouble or ""
 
     def close(self) -> None:
@@ -61,7 +61,7 @@ class RecordedSource:
         self._speed, self._ran_ns = 0, 0
 
     def readers(self) -> Sequence[Any]:
-        """Give no file descriptor, since nothing has to wait for a recording."""
+        """Return no file descriptor, since nothing has to wait for a recording."""
         return ()
 
     def look(self) -> None:
@@ -100,11 +100,11 @@ class RecordedSource:
             self.move_to(max((t for t in times if t < self.at_ns), default=self.timeline.begins_ns))
 
     def snapshot(self) -> Snapshot:
-        """Give the snapshot at the cursor."""
+        """Return the snapshot at the cursor."""
         return self.timeline.at(self.at_ns)
 
     def note(self) -> str:
-        """Give the position of the cursor, and its speed."""
+        """Return the position of the cursor, and its speed."""
         begins_ns = self.timeline.begins_ns
         at_s, whole_s = (self.at_ns - begins_ns) / _NS_PER_S, (self.timeline.ends_ns - begins_ns) / _NS_PER_S
         return f"log {at_s:.2f} of {whole_s:.2f} s" + (f", {self._speed}x" if self._speed else "")
@@ -117,5 +117,5 @@ TopSource = LiveSource | RecordedSource
 
 
 def source_of(opened: Feed | Recording) -> TopSource:
-    """Give the source for an opened feed or recording."""
+    """Return the source for an opened feed or recording."""
     return RecordedSource(opened) if isinstance(opened, Recording) else LiveSource(opened)

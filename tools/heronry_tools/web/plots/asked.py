@@ -43,11 +43,11 @@ class Sources:
         self.by_identifier = data_sources(spec)
 
     def of(self, variable: str) -> list[DataSource]:
-        """Give the sources of a variable, in the order of the spec."""
+        """Return the sources of a variable, in the order of the spec."""
         return [source for source in self.by_identifier.values() if source.variable == variable]
 
     def told(self, variable: str) -> dict[str, Any]:
-        """Give what a page is told of a variable, except its samples."""
+        """Return what a page is told of a variable, except its samples."""
         of, sources = self.spec.variables[variable], self.of(variable)
         return {
             "variable": variable,
@@ -62,7 +62,7 @@ class Sources:
 
 
 def uses(snapshot: Snapshot) -> dict[str, Uses]:
-    """Give for each variable that a module reads now the producers from which it is read, each with these modules."""
+    """Return for each variable that a module reads now the producers from which it is read, each with these modules."""
     found: dict[str, Uses] = {}
     for reader, module in snapshot.modules.items():
         for wire in module.wires.values():
@@ -73,5 +73,5 @@ def uses(snapshot: Snapshot) -> dict[str, Uses]:
 
 
 def refusals(tracks: Iterable[Track]) -> dict[str, list[Any]]:
-    """Give for each producer of which frames were refused their number, and the reason for the last one."""
+    """Return for each producer of which frames were refused their number, and the reason for the last one."""
     return {track.source.producer: [track.refused, track.why_refused] for track in tracks if track.refused}

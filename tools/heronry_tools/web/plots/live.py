@@ -45,7 +45,7 @@ class LivePlots:
 
     @property
     def sources(self) -> Sources:
-        """Give the sources of the spec."""
+        """Return the sources of the spec."""
         if self._sources is None:
             self._sources = Sources(self._spec)
         return self._sources

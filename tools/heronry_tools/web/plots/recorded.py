@@ -43,7 +43,7 @@ class RecordedPlots:
         return found
 
     def told(self, variables: Sequence[str], from_ns: int, to_ns: int, most: int) -> dict[str, Any]:
-        """Give the plots of some variables between two times, with at most `most` points in a series.
+        """Return the plots of some variables between two times, with at most `most` points in a series.
 
         Raises PlotError if the recording has no frames.
         """
@@ -77,7 +77,7 @@ class RecordedPlots:
         return self._tracks[variable]
 
     def _used(self, variable: str) -> list[list[Any]]:
-        """Give the times at which other modules begin to read other sources of a variable, with who reads which."""
+        """Return the times at which other modules begin to read other sources of a variable, with who reads which."""
         found: list[list[Any]] = []
         for t_ns, read in self._uses:
             now = read.get(variable, {})
