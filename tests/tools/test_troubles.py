@@ -64,6 +64,11 @@ def test_a_system_that_is_well_has_none(status: Status) -> None:
             "disagreement",
             "disagree",
         ),
+        (
+            lambda s: s["checkpoints"].append({"module": "control", "by": "left", "not_saved": "its save hangs"}),
+            "checkpoint",
+            "the state of module:control on left is not kept: its save hangs",
+        ),
         (lambda s: s["unwatched"].append("landing"), "phases", "phase landing"),
         (lambda s: s["functions"]["elevator"].update(served=False, why_not="no servo"), "functions", "no servo"),
         (lambda s: s["functions"]["elevator"].update(served=None, why_not=""), "functions", "not served"),

@@ -19,7 +19,7 @@ from typing import TypeVar
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.table_index import TableIndex
-from heronry_agent.core.vocabulary import StateEvent
+from heronry_agent.core.vocabulary import StateEvent, StateLacking, StateRestored, StateSaved
 from heronry_agent.shell.module_runner import Result
 from heronry_agent.shell.partition_messages import (
     Done,
@@ -48,6 +48,7 @@ from heronry_tools.runtime.softbus import protocol as softbus
 from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.world.planning import best_plan, plan_ahead
 from heronry_wire.canaerospace import DataType, Datum, decode_data, encode_data
+from heronry_wire.checkpoint_frames import Assembly, Lack, SentState
 from heronry_wire.configuration_slice import ModuleSlice, Slice, SliceError, decode_slice
 from heronry_wire.contingency_block import Preloaded, read_block, write_block
 from heronry_wire.controller import read_error_frame
@@ -148,6 +149,16 @@ def _emergency(data: bytes) -> None:
     emergency = decode_emergency(data)
     if not isinstance(emergency, Malformed):
         same(emergency, decode_emergency(emergency.encode()))
+
+
+def _checkpoint(data: bytes) -> None:
+    """Frames of 8 bytes, one after the other; what is whole has the bytes that one sender would send."""
+    assembly = Assembly(1_000)
+    for at in range(0, len(data), 8):
+        state = assembly.take(data[at : at + 8], at)
+        if state is not None:
+            whole = Assembly(1_000)
+            same(state, [whole.take(frame.data, 0) for frame in state.frames(92)][-1])
 
 
 def _link(data: bytes) -> None:
@@ -327,10 +338,15 @@ def _journal_text() -> bytes:
     return whole_journal(spec(), memory) + written(8, as_json(Quarantined("tail_pe", 3)))
 
 
+def _round(state: bytes) -> bytes:
+    return b"".join(frame.data for frame in SentState.of(1, 2, state, b"8 bytes.").frames(92))
+
+
 def _packets() -> list[bytes]:
     result = Result({"a": 1.5, "b": (1, 2)}, (3, "four", b"five"), (("device:gps", 6),), ("landing",))
     said = (Loaded({"image": "missing"}), StartRefused(1, "why"), Failed(1, 2, "oops"), Done(1, 2, 3, result))
-    return [encode_answer(one) for one in said]
+    states = (StateSaved(1, 2, b"8 bytes.", b"state"), StateRestored(1, 5), StateLacking(1, Lack.HANGS, "why"))
+    return [encode_answer(one) for one in (*said, *states)]
 
 
 def _solution() -> messages.Solution:
@@ -357,6 +373,7 @@ DECODERS = (
     _target("command", _command, lambda: [bytes((kind,)) + one.encode() for one in _COMMANDS for kind in range(7)]),
     _target("state", _state, lambda: [page.encode() for page in _PAGES]),
     _target("emergency", _emergency, _just(Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 1, 57).encode())),
+    _target("checkpoint", _checkpoint, lambda: [_round(b"state of a module"), _round(b"a")]),
     _target("link", _link, _just(LinkReport(92, LinkState.UP, 5, 800, 90, 3, 7).encode())),
     _target(
         "frame",

@@ -114,9 +114,17 @@ def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     for told in status["disagreements"]:
         says = f"two inputs of module:{told['module']} disagree, reported by {told['by']} (detail {told['detail']})"
         yield Finding("disagreement", says, "compare the two: heronry top")
+    yield from _not_kept(status)
     for phase in status["unwatched"]:
         says = f"no running module gives the variable that requests phase {phase}"
         yield Finding("phases", says, f"enter it yourself when it is time: heronry phase {phase}")
+
+
+def _not_kept(status: Mapping[str, Any]) -> Iterator[Finding]:
+    for kept in status.get("checkpoints", ()):  # an older manager tells none
+        if kept["not_saved"] is not None:
+            says = f"the state of module:{kept['module']} on {kept['by']} is not kept: {kept['not_saved']}"
+            yield Finding("checkpoint", says, "see the log of the PE's agent; then: heronry module try IMAGE")
 
 
 def mended(status: Mapping[str, Any]) -> Iterator[str]:
