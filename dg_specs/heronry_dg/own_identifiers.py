@@ -2,22 +2,24 @@
 
 On a bus with a PE these are the identifiers of its EMCYs, emergency events, states, SDO frames, CANopen heartbeats and
 echoes, and of those PEs whose frames gateways forward to the bus; those of both managers; those of the reports on
-radios; and those of the data that some configuration sends there. Commands of CANopen (NMT, TIME, SYNC) and node
-services are not among them.
+radios; and those of the data and checkpoints that some configuration sends there. Commands of CANopen (NMT, TIME,
+SYNC) and node services are not among them.
 """
 
 from collections import defaultdict
 from collections.abc import Iterator
 
+from heronry_dg.checkpoints import carriers, kept_modules
 from heronry_dg.echo_rates import EchoRates
 from heronry_dg.model import Module, Spec
-from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
+from heronry_dg.situation import Situation, Survivors, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import Hop, identifiers
 from heronry_dg.uplinks import radios
 from heronry_wire.identifiers import (
     MANAGER_NODES,
     Command,
     actuator_echo_id,
+    checkpoint_id,
     emcy_id,
     emergency_event_id,
     heartbeat_id,
@@ -35,12 +37,14 @@ def own_identifiers(spec: Spec) -> dict[str, dict[int, str]]:
     """
     rates, given, hops = EchoRates(spec), identifiers(spec), possible_hops(spec)
     measured, used = radios(spec).values(), dict[str, dict[int, str]]()
+    left = survivors(spec, Situation())
     for bus in spec.buses:
         here = used[bus] = dict(_of_the_managers())
         for pe in spec.pes.values():
             if rates.carries(bus, pe.name):
                 here.update(_of_a_pe(pe.node_id, pe.name))
         here.update((one.link_id, f"reports on '{one.bus}'") for one in measured if bus in one.report_way)
+        here.update(_of_checkpoints(spec, left, bus))
         here.update((given[h.producer, h.variable], f"'{h.variable}' from '{h.producer}'") for h in hops[bus])
     return used
 
@@ -72,6 +76,14 @@ def _of_the_managers() -> Iterator[tuple[int, str]]:
         yield heartbeat_id(node), "CANopen heartbeats of a manager"
         yield sdo_request_id(node), "SDO requests to a manager"
         yield sdo_response_id(node), "SDO answers of a manager"
+
+
+def _of_checkpoints(spec: Spec, left: Survivors, bus: str) -> Iterator[tuple[int, str]]:
+    """Yield the identifiers of the PEs whose checkpoints a bus may carry."""
+    for name in kept_modules(spec):
+        for pe in hosts_when_all_is_up(spec, spec.modules[name]):
+            if bus in carriers(left, spec.modules[name], pe):
+                yield checkpoint_id(spec.pes[pe].node_id), f"checkpoints of pe '{pe}'"
 
 
 def _of_a_pe(node: int, name: str) -> Iterator[tuple[int, str]]:

@@ -5,11 +5,14 @@ from dataclasses import replace
 import pytest
 
 from heronry_dg.bus_schedule import bus_schedules
+from heronry_dg.check.assess import assess
+from heronry_dg.check.wire import check
 from heronry_dg.checkpoints import carriers, frames_mbit_per_s, gap_ns, late_ns, loads_mbit_per_s, numbers
 from heronry_dg.configuration import Configuration, Running
 from heronry_dg.loader import loads
 from heronry_dg.losses import receivers
 from heronry_dg.model import Spec
+from heronry_dg.rules.wire import FAMILY, OLD_STATES
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.verify import verify
 
@@ -119,3 +122,25 @@ def test_the_schedule_of_a_bus_has_each_state_as_one_message_with_its_bound() ->
     assert near.data_fit
     rest = replace(near, checkpoints=near.data_limit)
     assert rest.data_fit == (near.data == 0)
+
+
+# What the check says of them
+
+
+def checked(text: str) -> list[str]:
+    found = assess(text.encode(), "kept.dg.yaml", {FAMILY.prefix: check}, FAMILY.rules).findings
+    return [one.sentence for one in found if one.code == OLD_STATES.code]
+
+
+def test_a_state_that_may_be_too_old_when_the_next_one_arrives_is_found() -> None:
+    fast = TEXT.replace("bitrate: 100000", "bitrate: 1000000")
+    assert checked(fast) == []
+    (n,) = checked(fast.replace("1275, hz: 5, max_age_ms: 900", "1275, hz: 5, max_age_ms: 500"))
+    assert n.startswith("a state of 'n' may be ")
+    assert n.endswith(" ms old when the next one arrives, but only 500 ms are allowed")
+
+
+def test_a_way_without_a_bound_is_found() -> None:
+    (m, n) = checked(TEXT.replace("near: {bitrate: 100000}", "near: {bitrate: 100000, max_load: 1}"))
+    assert m == "no state of 'm' can be used on another PE: a bus on its way has max_load: 1"
+    assert n.startswith("no state of 'n'")

@@ -13,6 +13,7 @@ To add a rule, define it in rules/wire.py, write a function `_thing(subject, fin
 from collections.abc import Mapping
 from typing import Final
 
+from heronry_dg.check.checkpoints import check_checkpoints
 from heronry_dg.check.subject import Subject
 from heronry_dg.field_types import CRITICALITIES
 from heronry_dg.findings import Findings, listed, shown
@@ -64,6 +65,7 @@ def check(subject: Subject, findings: Findings) -> None:
     _bit_rates(subject, findings)
     _standard_identifiers(subject, findings)
     _limits(subject, findings)
+    check_checkpoints(subject, findings)
     if lacks_identifiers(subject.spec):
         _too_many(subject, findings)
     else:

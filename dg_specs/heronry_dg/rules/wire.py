@@ -10,7 +10,7 @@ stops a spec from being loaded. How a rule is added is shown in rule.py.
 from typing import Final
 
 from heronry_dg.rules.rule import Family
-from heronry_dg.rules.samples import RUNS
+from heronry_dg.rules.samples import DISPLAY, RUNS
 
 FAMILY: Final = Family("DG5", "the wire: bit rates, identifiers and arbitration", fast=True)
 
@@ -32,6 +32,11 @@ def _many(count: int) -> str:
         f"modules:\n  driver: {{device: gps, gives: {{{gives}}}, {RUNS}}}\n"
         f"  display: {{device: lamp, needs: {{and: [{', '.join(names)}]}}, {RUNS}}}\n"
     )
+
+
+def _kept(checkpoint: str) -> str:
+    """Write a spec whose driver has this key."""
+    return f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, {RUNS}, {checkpoint}}}\n{DISPLAY}"
 
 
 def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str) -> str:
@@ -211,4 +216,14 @@ TAKEN_IDENTIFIER = FAMILY.error(
     "allocate the identifier.",
     bad="buses: {can0: {bitrate: 1000000, foreign: [{identifier: 257, bytes: 8, period_ms: 10}]}}\n",
     good="buses: {can0: {bitrate: 1000000, foreign: [{identifier: 1793, bytes: 8, period_ms: 10}]}}\n",
+)
+OLD_STATES = FAMILY.warning(
+    "DG512",
+    "checkpoint-too-old",
+    what="With its `max_age_ms`, no state of a module's `checkpoint` may be young enough at some moment.",
+    why="The age of a state counts from its saving, and the next state may arrive a period and the longest time of a "
+    "transfer later. In between the module would start without its state on another PE.",
+    fix="Write a larger `max_age_ms`, a larger `hz`, or fewer `bytes`.",
+    bad=_kept("checkpoint: {bytes: 8, hz: 2, max_age_ms: 400}"),
+    good=_kept("checkpoint: {bytes: 8, hz: 5, max_age_ms: 400}"),
 )
