@@ -7,12 +7,10 @@
 A disagreement is printed with its seed, and makes the exit code 1.
 """
 
-import argparse
 import itertools
 import random
 import sys
-from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 
 from heronry_dg.checkpoints import loads_mbit_per_s
@@ -23,6 +21,7 @@ from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import hops
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import plan
+from lab.compared_seeds import report, seed_parser
 from planner.enumerator import Enumerator, TooManyError
 from planner.random_specs import (
     Case,
@@ -214,29 +213,25 @@ def _gates(gate: Expression | None, path: str, wired: Collection[str]) -> Iterat
 
 def main() -> int:
     """Compare a range of seeds; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("first", type=int)
-    parser.add_argument("end", type=int)
+    parser = seed_parser(__doc__)
     parser.add_argument("--modules", type=int, default=6, help="most modules of a spec")
     parser.add_argument("--checkpoints", action="store_true", help="let about half of the modules have a checkpoint")
     arguments = parser.parse_args()
-    counts: Counter[str] = Counter()
-    for seed in range(arguments.first, arguments.end):
-        draw = crossing_case if seed % 2 else random_case
-        case = draw(random.Random(seed), modules=arguments.modules)
-        if arguments.checkpoints:
-            case = with_checkpoints(random.Random(seed), case)
-        try:
-            wrong, used = compare(case)
-        except TooManyError:
-            counts["too large"] += 1
-            continue
-        counts.update([*used, "compared", *(["disagreements"] if wrong else [])])
-        if wrong is not None:
-            print(f"seed {seed}: {wrong}", flush=True)
-    for word, count in counts.most_common():
-        print(f"{count:7} {word}")
-    return 1 if counts["disagreements"] else 0
+
+    def compared() -> Iterator[tuple[int, str | None, Iterable[str]]]:
+        for seed in range(arguments.first, arguments.end):
+            draw = crossing_case if seed % 2 else random_case
+            case = draw(random.Random(seed), modules=arguments.modules)
+            if arguments.checkpoints:
+                case = with_checkpoints(random.Random(seed), case)
+            try:
+                wrong, used = compare(case)
+            except TooManyError:
+                yield seed, None, ["too large"]
+            else:
+                yield seed, wrong, [*used, "compared"]
+
+    return report(compared())
 
 
 if __name__ == "__main__":

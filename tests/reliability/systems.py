@@ -10,7 +10,6 @@ PE on which it cannot run then. So is the logic of the graph, by trying every ch
 disagreement is printed with its seed, and makes the exit code 1.
 """
 
-import argparse
 import random
 import sys
 from collections import Counter
@@ -26,6 +25,7 @@ from heronry_tools.analysis.reliability.bounds import Bounds, loss_bounds
 from heronry_tools.analysis.reliability.chances import CommonCause, Hazards
 from heronry_tools.analysis.reliability.mission import Reliability
 from heronry_tools.analysis.reliability.resource_sets import resource_sets
+from lab.compared_seeds import report, seed_parser
 from planner.enumerator import Enumerator
 from planner.random_specs import random_spec, with_shared_actuator
 from reliability.brute_force import Losing
@@ -293,23 +293,16 @@ def compared(seeds: Iterator[int], *, most: int, draws: int | None) -> Iterator[
 
 
 def main() -> int:
-    """Compare a range of seeds; gives the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("first", type=int)
-    parser.add_argument("end", type=int)
+    """Compare a range of seeds; returns the exit code."""
+    parser = seed_parser(__doc__)
     parser.add_argument("--most", type=int, default=16, help="most elements of a system that is added up")
     parser.add_argument("--sampled", action="store_true", help="sample larger systems instead")
     parser.add_argument("--draws", type=int, default=100_000)
     arguments = parser.parse_args()
     draws = arguments.draws if arguments.sampled else None
-    counts: Counter[str] = Counter()
-    for seed, wrong, has in compared(iter(range(arguments.first, arguments.end)), most=arguments.most, draws=draws):
-        counts.update([*has, "compared", *(["disagreements"] if wrong else [])])
-        if wrong is not None:
-            print(f"seed {seed}: {wrong}", flush=True)
-    for word, count in counts.most_common():
-        print(f"{count:7} {word}")
-    return 1 if counts["disagreements"] else 0
+    seeds = iter(range(arguments.first, arguments.end))
+    found = compared(seeds, most=arguments.most, draws=draws)
+    return report((seed, wrong, [*has, "compared"]) for seed, wrong, has in found)
 
 
 if __name__ == "__main__":

@@ -42,6 +42,7 @@ from heronry_tools.aircraft.images.guidance import (
 from heronry_tools.aircraft.plant.devices import GPS_PERIOD_NS, SENSORS, WING_SUPPLY_HPA, Surroundings, reading
 from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.aircraft.plant.mechanism import Mechanism
+from heronry_tools.fly.dynamics.failed_devices import FailedDevices
 from heronry_tools.fly.dynamics.model import M_PER_FT, Air, Model
 from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Truth
 from heronry_tools.fly.servos import Servos, Surface
@@ -140,7 +141,7 @@ class BigBluePlant:
         self._valve = 0.0
         surfaces = {name: Surface(-_STOP_DEG, _STOP_DEG, _SURFACE_DEG_PER_S) for name in ("elevator", "rudder")}
         self.servos = Servos(surfaces, {f"{name}_servo_{number}": name for name in surfaces for number in (1, 2)})
-        self._failed: dict[str, tuple[Failure, Value | None, float]] = {}
+        self._failed = FailedDevices()
         self._written: dict[str, Value] = {}
         self._motion: Motion | None = None
 
@@ -160,16 +161,7 @@ class BigBluePlant:
         self.advance(now_ns)
         if device in self.servos.pushes:
             return self.servos.read(device)
-        how, frozen, offset = self._failed.get(device, (None, None, 0.0))
-        match how:
-            case None:
-                return self._reading(device, now_ns)
-            case "dead":
-                return None
-            case "bias":
-                return _shifted(self._reading(device, now_ns), offset)
-            case _:
-                return frozen
+        return self._failed.read(device, lambda: self._reading(device, now_ns))
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
         """Advance to `now_ns` and command an actuator.
@@ -203,11 +195,11 @@ class BigBluePlant:
         if device in self.servos.pushes:
             self.servos.fail(device, how, offset)
         else:
-            self._failed[device] = how, self._reading(device, now_ns), offset
+            self._failed.fail(device, how, self._reading(device, now_ns), offset)
 
     def heal(self, device: str) -> None:
         """Repair a device."""
-        self._failed.pop(device, None)
+        self._failed.heal(device)
         self.servos.heal(device)
 
     @property
@@ -385,11 +377,3 @@ def _as_number(device: str, value: Value) -> float:
     if not isinstance(value, (int, float)):
         raise TypeError(f"{device} needs a number as its command, not {value!r}")
     return float(value)
-
-
-def _shifted(value: Value, offset: float) -> Value:
-    if isinstance(value, tuple):
-        return tuple(item + round(offset) for item in value)
-    if isinstance(value, int):
-        return value + round(offset)
-    return value + offset if isinstance(value, float) else value

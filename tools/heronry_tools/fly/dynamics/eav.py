@@ -29,6 +29,7 @@ from random import Random
 from heronry_agent.module import Value
 from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.fly.camera import Camera, angles_rad
+from heronry_tools.fly.dynamics.failed_devices import FailedDevices
 from heronry_tools.fly.dynamics.model import M_PER_FT, Air, Model
 from heronry_tools.fly.latency import LatencyProbe
 from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Truth
@@ -117,7 +118,7 @@ class EavPlant:
             air.begin(self._model)
         self._steps = 0
         self._begun_steps: int | None = None if held else 0  # when the flight began
-        self._failed: dict[str, tuple[Failure, Value | None, float]] = {}
+        self._failed = FailedDevices()
         self._readings: dict[str, Value] = {}
         surfaces = {name: Surface(-limit, limit, _SURFACE_DEG_PER_S) for name, limit in FIRST_SURFACE_DEG.items()} | {
             "throttle": Surface(0.0, 1.0, _THROTTLE_PER_S, throttle, throttle)
@@ -146,16 +147,7 @@ class EavPlant:
         self.advance(now_ns)
         if device in self.servos.pushes:
             return self.servos.read(device)
-        fault = self._failed.get(device)
-        if fault is None:
-            return self._reading(device, now_ns)
-        how, frozen, offset = fault
-        if how == "dead":
-            return None
-        value = self._reading(device, now_ns)
-        if how == "bias":
-            return _shifted(value, offset)
-        return frozen
+        return self._failed.read(device, lambda: self._reading(device, now_ns))
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
         """Advance to `now_ns` and command an actuator.
@@ -193,11 +185,11 @@ class EavPlant:
         elif device == "camera" and how == "dead":
             self.camera.blind = True
         else:
-            self._failed[device] = how, self._reading(device, now_ns), offset
+            self._failed.fail(device, how, self._reading(device, now_ns), offset)
 
     def heal(self, device: str) -> None:
         """Repair a device."""
-        self._failed.pop(device, None)
+        self._failed.heal(device)
         self.servos.heal(device)
         if device == "camera":
             self.camera.blind = False
@@ -338,10 +330,3 @@ class EavPlant:
             name = f"precise/{axis}"
             errors[name] = SensorError(seed, name, white=0.05, bias=chance.gauss(0.0, 0.15), period_s=_SLOW_S)
         return errors
-
-
-def _shifted(value: Value, offset: float) -> Value:
-    """Return a number plus `offset`; a tuple with the rounded `offset` added to each number; else the value itself."""
-    if isinstance(value, tuple):
-        return tuple(item + round(offset) for item in value)
-    return value + offset if isinstance(value, (int, float)) else value
