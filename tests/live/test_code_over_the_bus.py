@@ -13,6 +13,8 @@ import canopen
 import pytest
 
 from agent.loader_bundles import signing_key
+from heronry_agent.loader.folder import Folder
+from heronry_agent.loader.store import Store
 from heronry_manager.events import CodeBrought, PeJoined, Reconfigured
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import start_hub
@@ -26,14 +28,15 @@ NODE = 92
 SPEC = """
 dg: 1
 name: brought
-buses: {can0: {bitrate: 1000000}}
+buses: {can0: {bitrate: 1000000, heartbeat_ms: 200}}
 pes:
   blank: {node_id: 92, buses: [can0], cpu: 1.0, ram: 64KiB, flash: 256KiB}
   other: {node_id: 93, buses: [can0], cpu: 1.0, ram: 64KiB, flash: 256KiB}
 variables:
   speed: {type: FLOAT, unit: m/s}
 modules:
-  source: {image: "over_the_bus:Source", runs_on: [blank], gives: {speed: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 20}
+  source: {image: "over_the_bus:Source", runs_on: [blank], gives: {speed: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 20,
+           restarts: 3}
   sink: {image: "at_home:Sink", runs_on: [other], needs: speed, cpu: 0.1, ram: 1KiB, rate_hz: 20}
 functions:
   telling: {output: sink, criticality: C, priority: 10}
@@ -102,6 +105,13 @@ class Nodes:
             assert time.monotonic() < end_s, self.said(name)
             time.sleep(0.05)
         return self.said(name)
+
+    def wait_again(self, name: str, text: str, times: int) -> None:
+        """Wait until a node has said something so many times, over all its starts."""
+        end_s = time.monotonic() + PATIENCE_S
+        while self.said(name).count(text) < times:
+            assert time.monotonic() < end_s, self.said(name)
+            time.sleep(0.05)
 
     def agent(self, pe: str, *more: str) -> "subprocess.Popen[str]":
         table = self.folder / f"{pe}.table"
@@ -199,3 +209,101 @@ def wait_for_flash(sdo: Any) -> int:
         assert time.monotonic() < end_s
         time.sleep(0.05)
     return status >> 1
+
+
+BAD = {
+    "raises at once": "raise ValueError(self.steps)",
+    "hangs": "import time; time.sleep(60)",
+    "dies after ten steps": "import os; self.steps < 10 or os._exit(3)",
+    "takes all memory": "bytearray(1 << 33)",
+}
+
+
+def with_old_code(nodes: Nodes, version: int) -> None:
+    """Let the PE have code that it has kept."""
+    store = Store(Folder(nodes.folder / "code"))
+    store.boot()
+    store.receive(bundle_file(nodes.folder, nodes.key, version).read_bytes(), lambda _: None)
+    store.start()
+    store.confirm()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("how", BAD)
+def test_bad_code_is_replaced_by_the_code_before_and_the_module_runs_on(nodes: Nodes, how: str) -> None:
+    with_old_code(nodes, 3)
+    nodes.blank()
+    nodes.agent("other")
+    nodes.wait("blank", "code of brought, version 3")
+    assert nodes.send(bundle_file(nodes.folder, nodes.key, 4, BAD[how])) == 0
+    began_s = time.monotonic()
+    nodes.manager()
+    nodes.wait("blank", "the code before it is back")
+    nodes.wait("other", "speed 3.0")
+    assert time.monotonic() - began_s < 90
+    assert Store(Folder(nodes.folder / "code")).state().code.version == 3
+    assert nodes.send(nodes.folder / "v4.bundle") == 2  # it never returns
+
+
+@pytest.mark.soak
+def test_code_that_cannot_be_imported_is_replaced_and_runs_after_a_clear(nodes: Nodes) -> None:
+    with_old_code(nodes, 3)
+    nodes.blank()
+    nodes.agent("other")
+    broken = pack("brought", 4, ("over_the_bus:Source",), {"over_the_bus.py": b"import nothing_like_this\n"})
+    file = nodes.folder / "v4.bundle"
+    file.write_bytes(sign(broken, nodes.key).content)
+    nodes.wait("blank", "code of brought, version 3")
+    assert nodes.send(file) == 0
+    nodes.manager()
+    nodes.wait("blank", "the code before it is back")
+    end_s = time.monotonic() + PATIENCE_S
+    while nodes.order("clear", "module:source") != 0:
+        assert time.monotonic() < end_s
+        time.sleep(0.5)
+    nodes.wait("other", "speed 3.0")
+
+
+@pytest.mark.soak
+def test_code_that_runs_for_a_minute_is_kept(nodes: Nodes) -> None:
+    with_old_code(nodes, 3)
+    nodes.blank()
+    nodes.agent("other")
+    nodes.wait("blank", "code of brought, version 3")
+    assert nodes.send(bundle_file(nodes.folder, nodes.key, 4)) == 0
+    nodes.manager()
+    nodes.wait("other", "speed 4.0")
+    assert Store(Folder(nodes.folder / "code")).state().tries is not None
+    time.sleep(60)
+    nodes.wait("blank", "the code has run for a minute, and is kept")
+    assert Store(Folder(nodes.folder / "code")).state().tries is None
+    assert nodes.send(bundle_file(nodes.folder, nodes.key, 5), "--no-start") == 0
+    assert nodes.send(nodes.folder / "v5.bundle") == 2  # what runs is not touched
+
+
+@pytest.mark.soak
+def test_a_transfer_whose_agent_is_killed_ends_with_the_old_or_the_new_code_whole(nodes: Nodes) -> None:
+    with_old_code(nodes, 1)
+    allowed = {1}
+    for version in range(2, 52):
+        file = bundle_file(nodes.folder, nodes.key, version, filler=str(list(range(2000 + version))))
+        agent = nodes.blank()
+        nodes.wait_again("blank", "code of brought", version - 1)
+        sender = subprocess.Popen(
+            [sys.executable, "-m", "heronry_tools.cli", "bundle", "send", file, nodes.spec, "blank", *nodes.flags],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        time.sleep(0.8 + (version % 25) * 0.1)
+        agent.kill()
+        agent.communicate()
+        sender.kill()
+        sender.wait()
+        allowed.add(version)
+        state = Store(Folder(nodes.folder / "code")).boot()
+        assert state.code is not None
+        content = (nodes.folder / "code" / f"slot-{state.active}.bundle").read_bytes()
+        assert content == (nodes.folder / f"v{state.code.version}.bundle").read_bytes()
+        assert state.code.version in allowed
+        if state.tries is not None:
+            Store(Folder(nodes.folder / "code")).confirm()
+    nodes.running.clear()

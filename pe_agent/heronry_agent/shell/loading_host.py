@@ -4,13 +4,13 @@ Such a module has a partition of its own kind, which the loader may end and star
 behind its name (`table_for_loader`). So no module whose code is installed ever stops or fails because of a bundle.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from heronry_agent.core.vocabulary import Action, ControlProgram, ModuleEvent, WriteProgram
+from heronry_agent.core.vocabulary import Action, ControlProgram, ImagesMissing, ModuleEvent, WriteProgram
 from heronry_agent.loader.code_loader import CodeLoader
 from heronry_agent.shell.devices import Devices
 from heronry_agent.shell.partition_groups import PartitionGroups
@@ -70,9 +70,10 @@ class LoadingHost(PartitionHost):
 
     def take(self, ready: Collection[object], now_ns: int) -> list[ModuleEvent]:
         """Read the answers of partitions and of the loader; returns the events for the core."""
-        events = super().take(ready, now_ns)
-        for event in list(events):
+        events: list[ModuleEvent] = []
+        for event in super().take(ready, now_ns):
             self._events += self._loader.heard(event, now_ns)
+            events += self._still_true(event)
         self._events += self._loader.take(ready, now_ns)
         if self._loader.is_changed:
             self._loader.is_changed = False
@@ -90,11 +91,20 @@ class LoadingHost(PartitionHost):
         super().close()
         self._loader.close()
 
+    def _still_true(self, event: ModuleEvent) -> Iterator[ModuleEvent]:
+        """Yield an event for the core; the code that is back may have the images that failed code did not give."""
+        if not isinstance(event, ImagesMissing):
+            yield event
+        elif missing := {image: why for image, why in event.images.items() if image not in self._loader.images}:
+            yield ImagesMissing(missing)
+
     def _renew(self, now_ns: int) -> None:
         """End the partitions that import from a bundle; those that hold code now are started in advance."""
         for name in self._own:
             process = self._processes.get(name)
-            if process is not None and self._loader.runs(name):
+            if process is None or process.code == self._code_of(name):
+                continue  # it imports, or will import, from the code that is active now
+            if self._loader.runs(name):
                 process.broken = "its code was taken back"
             else:
                 self._end(name, tell=False)

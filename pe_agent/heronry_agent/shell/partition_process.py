@@ -73,7 +73,7 @@ class PartitionProcess:
         groups: control groups for partitions; None: none are used.
         code: file or folder from which it imports before all others; None: there is none.
         """
-        self.name, self._ram, self._groups = name, ram, groups
+        self.name, self.code, self._ram, self._groups = name, code, ram, groups
         self.loading = True
         self.broken: str | None = None  # why the partition cannot be used any more
         self.refusals_due: Counter[int] = Counter()  # STARTs that the partition may still refuse, by module
