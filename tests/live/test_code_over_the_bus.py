@@ -58,7 +58,9 @@ SINK = """
 from heronry_agent.module import Module
 class Sink(Module):
     def step(self, inputs):
-        print("speed", inputs["speed"].value, flush=True)
+        speed = inputs.get("speed")
+        if speed is not None:
+            print("speed", speed.value, flush=True)
         return {}
 """
 

@@ -91,7 +91,11 @@ RULES = [
         How.EXEMPT,
         "test_tutorial.py runs it, on what is written by then; tests/live/test_demo.py flies it",
     ),
-    Rule(r".*(heronry (manager|demo|send-table)|pe-agent) .*-c can\d.*", How.HARDWARE, "a CAN interface named can0"),
+    Rule(
+        r".*(heronry (manager|demo|send-table|bundle send)|pe-agent) .*-c can\d.*",
+        How.HARDWARE,
+        "a CAN interface named can0",
+    ),
     Rule(r"ssh .*", How.EXEMPT, "another computer"),
     Rule(r"ip link .*|for pe in .*|python3 -m venv .*|.*pip install .*|export PATH=.*", How.EXEMPT, "test_desk.py"),
     Rule(r"(heronry|pe-agent) .*-c vcan0.*", How.EXEMPT, "tests/live/test_desk.py runs the whole page"),
@@ -130,6 +134,7 @@ RULES = [
     Rule(r"heronry bus dg_specs/examples/.*", How.RUN),
     Rule(r"python -m lab\.checkpoints\.kills .*", How.RUN, more="--kills 2", is_long=True),
     Rule(r"python -m lab\.checkpoints\.live.*", How.EXEMPT, "tests/live/test_checkpoints.py flies it"),
+    Rule(r"heronry (key --signing|bundle (build|sign|inspect)) .*", How.EXEMPT, "test_bundle_command.py runs them"),
     Rule(r"heronry exhaust\b.* --count", How.RUN, is_long=True),  # test_exhaust_command.py counts
     Rule(r"heronry exhaust\b.*", How.RUN, more="--sample 2 --pairs 1"),
     Rule(r"python -m lab\.benches\.endurance\b.*", How.RUN, more="--hours 0.002 --reboots 3", is_long=True),

@@ -90,6 +90,13 @@ def table_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
         yield Finding("tables", f"{pe} stages nothing: {why}", remedy)
 
 
+def code_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield the PEs to which code is on its way, or for which it is lacking, as the manager's loader says."""
+    for pe, says in status["code"].items():
+        remedy = "wait for it; if it does not come, its agent needs --code-dir, and its log says why"
+        yield Finding("code", f"{pe} lacks code: {says}", remedy)
+
+
 def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     """Yield what is told of faults, modules, radios, channels and inputs."""
     reasons = {(failure["element"], failure["by"]): failure for failure in status["failures"]}
