@@ -20,7 +20,7 @@ from agent.one_pe import (
 from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import state_id
+from heronry_wire.identifiers import sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import (
     Alive,
     Lease,
@@ -115,3 +115,18 @@ def test_a_manager_that_beats_slowly_is_heard_for_as_long_as_its_lease_lasts() -
         pe.command(Lease(1, 7, Step.GO, 1007))
         pe.pass_time(6 * BEAT_NS)
         assert pe.core.followed_manager.hears_lease(pe.now_ns) is hears
+
+
+REQUEST, ANSWER = (Frame(identify(FAR), bytes(8)) for identify in (sdo_request_id, sdo_response_id))
+
+
+def test_sdo_of_a_node_beyond_is_forwarded_while_somebody_on_the_uplink_asks() -> None:
+    pe = OnePe(GATEWAY_TABLE)
+    assert not forwarded(pe.give(Received(RADIO, ANSWER)), ANSWER, UPLINK)
+    assert not pe.give(Received(RADIO, REQUEST))  # a client on the far bus is heard there
+    assert not forwarded(pe.give(Received(RADIO, ANSWER)), ANSWER, UPLINK)
+    assert forwarded(pe.give(Received(UPLINK, REQUEST)), REQUEST, RADIO)
+    assert forwarded(pe.give(Received(RADIO, ANSWER)), ANSWER, UPLINK)
+    assert not forwarded(pe.give(Received(UPLINK, ANSWER)), ANSWER, UPLINK)
+    pe.pass_time(2_001 * MS)
+    assert not forwarded(pe.give(Received(RADIO, ANSWER)), ANSWER, UPLINK)

@@ -58,13 +58,13 @@ def test_it_is_the_shortest_period_with_which_no_datum_is_late(bitrate: int, dea
     manager, periods = flying(bitrate, deadline_ms), periods_ns(bitrate)
     is_harmless = [is_punctual(manager, with_frames(bitrate, deadline_ms, one)) for one in periods]
     assert is_harmless == [False] * at + [True] * (len(SHARES) - at)
-    found = manager.core._known.bringing._pace.period_ns(NODE)
+    found = manager.core._known.bringing._pace.period_ns(PE)
     assert found == (periods[at] if at < len(periods) else None)
 
 
 def test_data_and_transfer_stay_below_the_load_that_the_bus_may_have() -> None:
     manager = flying(1_000_000, 50, ", max_load: 0.11")
-    assert manager.core._known.bringing._pace.period_ns(NODE) == periods_ns(1_000_000)[5]
+    assert manager.core._known.bringing._pace.period_ns(PE) == periods_ns(1_000_000)[5]
 
 
 def deploy(manager: OneManager) -> None:

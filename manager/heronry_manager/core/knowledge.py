@@ -62,7 +62,9 @@ class Knowledge:
         if key is not None:
             self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=claim.speaks)
         self.details = PeDetails(settings, turn, claim)
-        self.bringing = TableBringing(settings, turn, claim, self.health, self.deployment)
+        self.bringing = TableBringing(
+            settings, turn, claim, self.health, deployment=self.deployment, situation=self.situation
+        )
         self.code = CodeBringing(settings, turn, claim, self.health, self.deployment, situation=self.situation)
 
     def forget(self) -> None:

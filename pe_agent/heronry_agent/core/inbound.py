@@ -89,6 +89,8 @@ class Inbound:
         followed: Collection[str] | None,
     ) -> dict[int, Handler]:
         handlers: dict[int, Handler] = dict.fromkeys(self._gateway.rising_ids, self._from_beyond)
+        handlers |= dict.fromkeys(self._gateway.asking_ids, self._asked)
+        handlers |= dict.fromkeys(self._gateway.answering_ids, self._answered)
         handlers |= dict.fromkeys(map(state_id, PE_NODES), self._state)
         handlers |= dict.fromkeys(self._modules.checkpoints.identifiers, self._modules.checkpoints.heard)
         handlers |= dict.fromkeys(_echo_ids(self._index.table, followed), self._echo)
@@ -105,7 +107,8 @@ class Inbound:
         return handlers
 
     def _quiet_ids(self) -> frozenset[int]:
-        quiet = (self._state, self._echo, self._from_beyond, self._forward, self._modules.checkpoints.heard)
+        gateway = (self._from_beyond, self._forward, self._asked, self._answered)
+        quiet = (self._state, self._echo, self._modules.checkpoints.heard, *gateway)
         often = (self._datum,) if self._authenticity is None else (self._datum, self._authenticity.hold)
         return frozenset(
             identifier
@@ -144,6 +147,12 @@ class Inbound:
 
     def _from_beyond(self, event: Received) -> None:
         self._turn.do(*self._gateway.up(event.port, event.frame))
+
+    def _asked(self, event: Received) -> None:
+        self._turn.do(*self._gateway.asked(event.port, event.frame, self._turn.now_ns))
+
+    def _answered(self, event: Received) -> None:
+        self._turn.do(*self._gateway.answered(event.port, event.frame, self._turn.now_ns))
 
     def _state(self, event: Received) -> None:
         """Process a state of another PE.

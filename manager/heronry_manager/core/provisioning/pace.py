@@ -5,7 +5,8 @@ other equipment do (`foreign`), under the SDO identifiers of their PE. The perio
 longer than LONGEST_NS, with which
 
     - no datum of the running configuration can miss its deadline on any bus
-    - data and transfer together stay below `max_load` without the reserve of management
+    - data and transfer together stay below `max_load` without the reserve of management, on each bus on the way to the
+      PE, and within what is left of a radio
 
 While nothing runs, the shortest period is used, and while something unknown runs, or a configuration is on its way,
 none. The routes are those of a system without faults, so a datum counts on each bus that it may cross.
@@ -13,8 +14,9 @@ none. The routes are those of a system without faults, so a datum counts on each
 The analysis takes about a millisecond; its result is kept until another configuration runs.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from fractions import Fraction
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Bus, Foreign, Spec
@@ -22,12 +24,13 @@ from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import Hop, bus_loads_mbit_per_s, hops
 from heronry_manager.core.epochs import Deployment
+from heronry_manager.core.situation import KnownSituation
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id
 from heronry_wire.sdo import MESSAGE_BYTES
 from heronry_wire.timing import worst_bits
 
 SHARES = (10, 20, 40, 80, 160, 320)
-"""One request in so many frames of full length: the shortest period first, which takes a tenth of the bus."""
+"""One request in so many frames of full length: the shortest period first, a tenth of the slowest bus on the way."""
 
 LONGEST_NS = 500_000_000  # a PE drops its client after a second of silence
 _NS_PER_S = 1_000_000_000
@@ -37,43 +40,60 @@ _FRAMES = 2  # in each period: a request and an answer
 class Pace:
     """Gives the period of a transfer, for what runs at the moment."""
 
-    def __init__(self, spec: Spec, bus: Bus, deployment: Deployment) -> None:
-        """Analyse nothing yet; `bus`: the one over which tables are brought."""
-        self._spec, self._bus, self._deployment = spec, bus, deployment
+    def __init__(self, spec: Spec, deployment: Deployment, situation: KnownSituation) -> None:
+        """Analyse nothing yet; `situation` knows what is left of radios."""
+        self._spec, self._deployment, self._situation = spec, deployment, situation
         self._all_up = survivors(spec, Situation())
-        self._found: tuple[Configuration | None, int, int | None] | None = None
+        self._found: tuple[Configuration | None, str, Mapping[str, Fraction], int | None] | None = None
+
+    def way(self, pe: str) -> list[Bus]:
+        """Return the buses from the manager to a PE in a system without faults; empty: there is no way."""
+        spec, bus = self._spec, self._spec.manager.bus
+        if bus in spec.pes[pe].buses:
+            return [spec.buses[bus]]
+        gateways = (one for one in spec.pes.values() if bus in one.buses)
+        routes = (self._all_up.route(one.name, pe) for one in gateways)
+        beyond = [route for route in routes if route is not None and bus not in route]
+        return [spec.buses[bus], *(spec.buses[one] for one in min(beyond, key=len))] if beyond else []
 
     def is_held(self) -> bool:
         """Tell whether no frame of a transfer may be sent now: another configuration is on its way, or one unknown."""
         return self._deployment.is_under_way() or self._deployment.is_held()
 
-    def period_ns(self, node: int) -> int | None:
+    def period_ns(self, pe: str) -> int | None:
         """Return the time in ns from one request to the next one; None: no period of SHARES is long enough.
 
-        node: node-ID of the PE that gets a table.
+        pe: the PE that gets a table.
         """
-        configuration = self._deployment.configuration
-        if self._found is None or self._found[0] is not configuration or self._found[1] != node:
+        configuration, limits = self._deployment.configuration, self._situation.links.limits()
+        if self._found is None or self._found[0] is not configuration or self._found[1:3] != (pe, limits):
             running = () if configuration is None else hops(self._all_up, configuration)
-            fits = (one for one in _periods_ns(self._bus) if self._is_harmless(running, node, one))
-            self._found = configuration, node, next(fits, None)
-        return self._found[2]
+            way = self.way(pe)
+            fits = (one for one in _periods_ns(way) if self._is_harmless(running, pe, way, limits, one))
+            self._found = configuration, pe, limits, next(fits, None)
+        return self._found[3]
 
-    def _is_harmless(self, running: tuple[Hop, ...], node: int, period_ns: int) -> bool:
-        bus = self._bus
-        load = bus_loads_mbit_per_s(self._spec, running)[bus.name]
-        load += 1000 * _FRAMES * worst_bits(MESSAGE_BYTES) * _NS_PER_S // period_ns
-        if load > 1000 * bus.bitrate * (bus.max_load - bus.reserve):
-            return False
-        more = tuple(
+    def _is_harmless(
+        self, running: tuple[Hop, ...], pe: str, way: list[Bus], limits: Mapping[str, Fraction], period_ns: int
+    ) -> bool:
+        spec, node = self._spec, self._spec.pes[pe].node_id
+        loads, more = bus_loads_mbit_per_s(spec, running), 1000 * _FRAMES * worst_bits(MESSAGE_BYTES) * _NS_PER_S
+        for bus in way:
+            room = 1000 * bus.bitrate * (bus.max_load - bus.reserve) * limits.get(f"bus:{bus.name}", 1)
+            if loads[bus.name] + more // period_ns > room:
+                return False
+        frames = tuple(
             Foreign(identifier, None, extended=False, data_bytes=MESSAGE_BYTES, period_ns=period_ns)
             for identifier in (sdo_request_id(node), sdo_response_id(node))
         )
-        loaded = replace(bus, foreign=(*bus.foreign, *more))
-        spec = replace(self._spec, buses={**self._spec.buses, bus.name: loaded})
-        return all(one.meets_deadline for one in ResponseTimes(spec).responses(running))
+        loaded = {bus.name: replace(bus, foreign=(*bus.foreign, *frames)) for bus in way}
+        return all(
+            one.meets_deadline
+            for one in ResponseTimes(replace(spec, buses={**spec.buses, **loaded})).responses(running)
+        )
 
 
-def _periods_ns(bus: Bus) -> Iterator[int]:
-    periods_ns = (share * worst_bits(MESSAGE_BYTES) * _NS_PER_S // bus.bitrate for share in SHARES)
+def _periods_ns(way: list[Bus]) -> Iterator[int]:
+    slowest = min(bus.bitrate for bus in way)
+    periods_ns = (share * worst_bits(MESSAGE_BYTES) * _NS_PER_S // slowest for share in SHARES)
     return (one for one in periods_ns if one <= LONGEST_NS)

@@ -23,7 +23,7 @@ refuses.
 pace is slow enough, the PE waits, and this is told. While another configuration is on its way, no segment is sent. A PE
 drops its client after a second without a segment; then the transfer fails, and begins anew.
 
-Only PEs on the manager's own bus are brought a table, since no gateway forwards SDO.
+A PE beyond gateways is brought its table, too: they forward SDO between the manager and it.
 """
 
 from collections.abc import Callable
@@ -35,6 +35,7 @@ from heronry_manager.core.membership import Health
 from heronry_manager.core.provisioning.pace import Pace
 from heronry_manager.core.sdo_client import BlockDownload, ObjectReader, Outcome
 from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.situation import KnownSituation
 from heronry_manager.core.turn import Turn
 from heronry_wire.canopen_objects import CHALLENGE, TABLE
 from heronry_wire.frame import Frame
@@ -62,18 +63,25 @@ class TableBringing:
     """Knows which PEs wait for a table, and brings it; `next_ns` is the time in ns at which to call `tick`."""
 
     def __init__(
-        self, settings: ManagerSettings, turn: Turn, claim: Claim, health: Health, deployment: Deployment
+        self,
+        settings: ManagerSettings,
+        turn: Turn,
+        claim: Claim,
+        health: Health,
+        *,
+        deployment: Deployment,
+        situation: KnownSituation,
     ) -> None:
         """Begin without a transfer; without `settings.tables` no table is ever brought."""
         self._turn, self._claim, self._health, self._key = turn, claim, health, settings.key
         self._tables = settings.tables or {}
         spec, bus = settings.spec, settings.bus
-        here = [pe for pe in spec.pes.values() if pe.name in self._tables and bus.name in pe.buses]
+        self._pace, self._beat_ns = Pace(spec, deployment, situation), bus.heartbeat_ns
+        here = [pe for pe in spec.pes.values() if pe.name in self._tables and self._pace.way(pe.name)]
         self._node = {pe.name: pe.node_id for pe in here}
         self._pe_of_heartbeat = {heartbeat_id(pe.node_id): pe.name for pe in here}
         self._pe_of_answer = {sdo_response_id(pe.node_id): pe.name for pe in here}
         self._pe_of_request = {sdo_request_id(pe.node_id): pe.name for pe in here}
-        self._pace, self._beat_ns = Pace(spec, bus, deployment), bus.heartbeat_ns
         self._active_since_ns = turn.now_ns  # what a PE sent before, this manager may not know
         self._pe: str | None = None  # to which a table is being brought
         self._transfer: BlockDownload | None = None  # None: it has not begun
@@ -200,7 +208,7 @@ class TableBringing:
             self._write(pe, key.sealed(self._tables[pe], read_number(value)))
 
     def _write(self, pe: str, content: bytes) -> None:
-        period_ns = self._pace.period_ns(self._node[pe])
+        period_ns = self._pace.period_ns(pe)
         if period_ns is None:
             self._not_taken(pe, Outcome.FAILED, _NO_ROOM)
             return
@@ -209,7 +217,7 @@ class TableBringing:
 
     def _send_segment(self, pe: str, transfer: BlockDownload) -> None:
         """Send the segment that is due, at the pace that what runs now allows."""
-        now_ns, period_ns = self._turn.now_ns, self._pace.period_ns(self._node[pe])
+        now_ns, period_ns = self._turn.now_ns, self._pace.period_ns(pe)
         if period_ns is None:
             transfer.stop()
             self._not_taken(pe, Outcome.FAILED, _NO_ROOM)

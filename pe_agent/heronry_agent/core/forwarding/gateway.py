@@ -6,6 +6,9 @@
     up, to the uplink       state, EMCY, emergency events, heartbeat and output echo of the nodes beyond, and the
                             reports about radios from the gateways beyond
     data                    the data of each source that the slice names, from its producing node to the named ports
+    SDO                     requests from the uplink toward the node that they address, and the answers of that node for
+                            ASKED_NS after a request; so a manager brings nodes beyond their tables, and a client on a
+                            far bus loads no other bus
 
 A module that runs beyond this gateway may have another possible PE on the manager's side. Then its data, when this PE
 forwards them up, are an exclusive output of this PE (protocol rule 6). The reason: if the manager considers this PE
@@ -38,11 +41,15 @@ from heronry_wire.identifiers import (
     emcy_id,
     emergency_event_id,
     heartbeat_id,
+    sdo_request_id,
+    sdo_response_id,
     state_id,
 )
 from heronry_wire.management import slice_node
 from heronry_wire.protocol_times import slack_ns
 from heronry_wire.sansio import Send
+
+ASKED_NS = 2_000_000_000  # a client waits no longer for an answer
 
 
 class Gateway:
@@ -56,6 +63,10 @@ class Gateway:
         self._rising = {
             (port, identifier) for port in self._far for identifier in (*_told_up(self._beyond[port]), *GATEWAY_IDS)
         }
+        nodes = {node: port for port in self._far for node in self._beyond[port]}
+        self.asking_ids: Mapping[int, int] = {sdo_request_id(node): node for node in nodes}
+        self._answering = {(port, sdo_response_id(node)): node for node, port in nodes.items()}
+        self._asked_ns: dict[int, int] = {}  # by node: when a request of SDO was last forwarded to it
         self._last: dict[
             tuple[int, Command], tuple[bytes, int]
         ] = {}  # by far port and command: what was last sent, and when it is due again
@@ -68,6 +79,24 @@ class Gateway:
     def rising_ids(self) -> set[int]:
         """CAN identifiers of the reports that are forwarded from a far bus (away from the manager) to the uplink."""
         return {identifier for _, identifier in self._rising}
+
+    @property
+    def answering_ids(self) -> set[int]:
+        """CAN identifiers of the SDO answers of nodes beyond."""
+        return {identifier for _, identifier in self._answering}
+
+    def asked(self, port: int, frame: Frame, now_ns: int) -> list[Send]:
+        """Return the copy of an SDO request from the uplink toward the node beyond that it addresses."""
+        if port != self._uplink:
+            return []
+        node = self.asking_ids[frame.can_id]
+        self._asked_ns[node] = now_ns
+        return self.toward(node, frame)
+
+    def answered(self, port: int, frame: Frame, now_ns: int) -> list[Send]:
+        """Return the copy, for the uplink, of an SDO answer of a node beyond; nothing if nobody asks from there."""
+        asked_ns = self._asked_ns.get(self._answering.get((port, frame.can_id), -1))
+        return [] if asked_ns is None or now_ns - asked_ns > ASKED_NS else [Send(self._uplink, frame)]
 
     def rewire(self, forward: Mapping[int, tuple[int, int]]) -> None:
         """Set which data to forward, and to which ports.

@@ -6,8 +6,9 @@
     take      removes the most urgent frame that its class may send now
 
 There are two classes of frames, data and management, since data must leave management the share of the bandwidth that
-the spec reserves. The bandwidth of each class is limited by a token bucket. Each frame counts with its worst-case
-length, as in plans, so the data of a plan that fits its bus also fit this queue.
+the spec reserves. SDO counts as data, but each of its frames is sent. The bandwidth of each class is limited by a token
+bucket. Each frame counts with its worst-case length, as in plans, so the data of a plan that fits its bus also fit this
+queue.
 
 In three cases the queue drops a frame, and counts it as dropped:
 
@@ -30,6 +31,7 @@ DATA_BURST_BITS = 8 * worst_bits(8)
 MANAGEMENT_BURST_BITS = 32 * worst_bits(8)  # a slice and its PREPARE
 _NS_PER_S = 1_000_000_000
 _DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
+_IN_DATAS_SHARE = _DATA | {Use.SDO_REQUEST, Use.SDO_RESPONSE}
 _LATEST_COUNTS = _DATA | {Use.HEARTBEAT, Use.GATEWAY}
 _LATEST_COMMANDS = frozenset((Command.LEASE, Command.ALIVE))
 _PATIENT_COMMANDS = frozenset((Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.CONTROL))
@@ -116,8 +118,8 @@ class RadioQueue:
         older = self._waiting.get(key)
         self._pushed += 1
         order = self._pushed if older is None else older.order
-        is_data = use.use in _DATA
-        self.dropped += older is not None and is_data
+        is_data = use.use in _IN_DATAS_SHARE
+        self.dropped += older is not None and use.use in _DATA
         self._waiting[key] = Waiting(frame, key, is_data, order, until_ns, worst_bits(len(frame.data)))
         if len(self._waiting) > CAPACITY:
             last = max(self._waiting.values(), key=_rank)
