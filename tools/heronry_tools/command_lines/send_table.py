@@ -14,7 +14,7 @@ examples:
   heronry send-table big_blue flight -i socketcan -c can0        on any other node of that bus
   heronry send-table big_blue flight -i socketcan -c can0 --key fleet.key    where both have a key: beside the manager
 
-On its own bus a manager brings tables by itself; this command is for a desk, and for PEs behind a gateway.
+A manager brings tables by itself; this command is for a desk without one.
 The table goes by SDO block transfer into object 2020h. A PE that has its table takes no other: restart the PE first.
 With a key the manager, which must run on this computer, unlocks the PE first, as with 'heronry unlock'.
 """
