@@ -19,8 +19,8 @@ stages anything. A PE that restarts has forgotten the parts, and begins anew. Co
 there, and its version is refused from then on: this is told, and tried less and less often. A restart or takeover of
 the manager forgets all this; the PEs report what they lack to each new manager.
 
-One PE is served at a time, and none while a table is brought. Only PEs on the manager's own bus are served, since no
-gateway forwards SDO. No decision on what runs depends on anything here but the clearing of those faults.
+One PE is served at a time, and none while a table is brought. Only PEs on the manager's own bus are served. No
+decision on what runs depends on anything here but the clearing of those faults.
 """
 
 from collections.abc import Callable
@@ -85,7 +85,7 @@ class CodeBringing:
         self._pe_of_answer = {sdo_response_id(pe.node_id): pe.name for pe in here}
         self._pe_of_request = {sdo_request_id(pe.node_id): pe.name for pe in here}
         self._ranks = criticality_ranks(settings.spec) if here else {}
-        self._pace, self._beat_ns = Pace(settings.spec, settings.bus, deployment), settings.bus.heartbeat_ns
+        self._pace, self._beat_ns = Pace(settings.spec, deployment, situation), settings.bus.heartbeat_ns
         self._reader = ObjectReader(turn.do)
         self._look_ns = turn.now_ns if here else NEVER_NS
         self._now: tuple[str, CodeBundle] | None = None
@@ -299,7 +299,7 @@ class CodeBringing:
         self._due = self._turn.now_ns + _AFTER_UNLOCK_NS, lambda: self._open(pe, index, content, then)
 
     def _open(self, pe: str, index: int, content: bytes, then: Callable[[], None]) -> None:
-        period_ns = self._pace.period_ns(self._node[pe])
+        period_ns = self._pace.period_ns(pe)
         if period_ns is None:
             self._fail(pe, _NO_ROOM)
             return
@@ -316,7 +316,7 @@ class CodeBringing:
 
     def _send_segment(self, pe: str, _: CodeBundle, transfer: BlockDownload) -> None:
         """Send the segment that is due, at the pace that what runs now allows."""
-        now_ns, period_ns = self._turn.now_ns, self._pace.period_ns(self._node[pe])
+        now_ns, period_ns = self._turn.now_ns, self._pace.period_ns(pe)
         if period_ns is None:
             transfer.stop()
             self._fail(pe, _NO_ROOM)
