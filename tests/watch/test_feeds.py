@@ -166,7 +166,7 @@ def test_a_cursor_moves_plays_and_stops_at_the_ends() -> None:
     source.look()
     assert source.at_ns == ends
     source.to_reconfiguration(is_next=False)
-    assert source.at_ns == source.timeline.reconfigurations()[-1]
+    assert source.at_ns == source.timeline.reconfigurations()[-1].done_ns
     source.to_reconfiguration(is_next=True)
     assert source.at_ns == ends
     source.move(-(10**15))

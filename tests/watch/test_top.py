@@ -122,7 +122,7 @@ def test_the_keys() -> None:
         assert "tail_b" in shown(app, "pes")
         assert "nav" not in shown(app, "pes")
         await pilot.press("left_square_bracket")
-        assert app.source.at_ns == app.source.timeline.reconfigurations()[-1]
+        assert app.source.at_ns == app.source.timeline.reconfigurations()[-1].done_ns
         await pilot.press("right_square_bracket", "left", "right", "home")
         assert app.source.at_ns == app.source.timeline.begins_ns
         await pilot.press("end", "p")

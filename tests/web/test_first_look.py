@@ -58,14 +58,9 @@ def expect_legible(watched, where):
 
 
 def graph_top(watched):
-    """Where the graph begins, without the warning that nothing comes any more."""
-    script = """() => {
-        document.getElementById("stale").style.display = "none";
-        const top = document.getElementById("graph").getBoundingClientRect().top;
-        document.getElementById("stale").style.display = "";
-        return top;
-    }"""
-    return watched.page.evaluate(script)
+    """Where the graph begins, below the warning that nothing comes any more."""
+    watched.page.wait_for_selector("#stale:not([hidden])", timeout=20_000)
+    return watched.page.evaluate("document.getElementById('graph').getBoundingClientRect().top")
 
 
 def in_sight(watched, selector):
@@ -191,3 +186,40 @@ def test_the_report_of_a_flight_fits_a_phone(chromium, tmp_path):
     assert watched.page.evaluate(SIDEWAYS) <= 0
     assert watched.page.evaluate("innerWidth") == PHONE
     assert watched.page.evaluate(SMALL_TEXTS, LEAST_PX) == []
+
+
+def test_two_fingers_change_the_size_of_the_graph_and_one_scrolls_it(chromium, server):
+    phone = opened(chromium, server, PHONE)
+    touch = phone.page.context.new_cdp_session(phone.page)
+    touch.send("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+    box = phone.page.eval_on_selector(
+        "#graph", "(one) => { const at = one.getBoundingClientRect(); return [at.x, at.y]; }"
+    )
+    x, y = box[0] + 150, box[1] + 150
+
+    def fingers(kind, *places):
+        points = [{"x": one, "y": two, "id": number} for number, (one, two) in enumerate(places)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def size():
+        return float(phone.page.eval_on_selector("#graph .folded", "(one) => one.style.zoom"))
+
+    def pinch(begin, end):
+        fingers("touchStart", (x - begin, y), (x + begin, y))
+        for step in range(1, 11):
+            apart = begin + (end - begin) * step / 10
+            fingers("touchMove", (x - apart, y), (x + apart, y))
+        fingers("touchEnd")
+
+    assert size() == 1
+    pinch(30, 90)
+    assert size() == pytest.approx(3, rel=0.15)
+    pinch(90, 45)
+    assert size() == pytest.approx(1.5, rel=0.2)
+    fingers("touchStart", (x, y + 100))
+    for step in range(1, 11):
+        fingers("touchMove", (x, y + 100 - 15 * step))
+    fingers("touchEnd")
+    phone.until("document.getElementById('graph').scrollTop > 50")
+    assert size() == pytest.approx(1.5, rel=0.2)
+    assert phone.wrong == []

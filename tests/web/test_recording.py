@@ -3,9 +3,11 @@
 import asyncio
 import json
 from dataclasses import replace
+from itertools import cycle, islice
 
 import pytest
 
+from heronry_manager.events import Adopted, Reconfigured
 from heronry_manager.events.reading import events_in
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.changes import plain
@@ -56,6 +58,21 @@ def test_of_loads_that_are_told_twice_a_second_one_a_second_is_drawn(reducer):
     live.take_all(told, None, is_alive=True)
     for loads in (live.loads(0), Recording(reducer, told, "log").loads(0, len(told))):
         assert [load["t_ns"] for load in loads] == [0, S, 2 * S, 3 * S]
+
+
+def test_the_slider_has_a_mark_at_every_epoch_that_ran_adopted_ones_and_early_ones_too(reducer):
+    many = [replace(one, epoch=number) for number, one in enumerate(islice(cycle(reconfigured()), 300), 1)]
+    events = [replace(one, t_ns=number * S) for number, one in enumerate(many)]
+    events.insert(150, Adopted(149 * S, epoch=1_000, digest="0000AB"))
+    events.insert(152, Adopted(150 * S, epoch=150 + 1, digest="0000AB"))  # it is the last one already
+    between = [[one, load_line(one.t_ns // S), load_line(one.t_ns // S)] for one in events]  # three events each
+    recording = Recording(reducer, [one for three in between for one in three], "log")
+    assert [mark["epoch"] for mark in recording.marks] == [*range(1, 151), 1_000, *range(151, 301)]
+    assert [mark["t_ns"] // S for mark in recording.marks[149:152]] == [149, 149, 150]
+
+
+def reconfigured():
+    return [one for one in flown() if isinstance(one, Reconfigured)]
 
 
 def test_a_recording_of_nothing_shows_nothing(reducer):

@@ -8,9 +8,9 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import accumulate
 
-from heronry_manager.events import EpochSeen, Event, Reconfigured
+from heronry_manager.events import Event
 from heronry_tools.watch.reducer import Reducer, State
-from heronry_tools.watch.snapshot import Snapshot, Source
+from heronry_tools.watch.snapshot import Reconfiguration, Snapshot, Source
 
 _EVERY = 256  # events between two states that are kept
 
@@ -41,9 +41,15 @@ class Timeline:
         """Return the snapshot after all events."""
         return self.after(len(self.events)).snapshot
 
-    def reconfigurations(self) -> list[int]:
-        """Return the times at which reconfigurations were complete."""
-        return [event.t_ns for event in self.events if isinstance(event, Reconfigured | EpochSeen)]
+    def reconfigurations(self) -> list[Reconfiguration]:
+        """Return all reconfigurations, oldest first, and among them the epochs that a manager adopted.
+
+        A snapshot has only the last hundred. No more of them pass between two states that are kept, since each has at
+        least three events: what it was planned for, the plan, and its end.
+        """
+        last = self.after(len(self.events))
+        found = {one.number: one for state in (*self._kept, last) for one in state.snapshot.reconfigurations}
+        return [found[number] for number in sorted(found)]
 
     def events_until(self, t_ns: int) -> int:
         """Return the number of events up to and including `t_ns`."""

@@ -19,7 +19,7 @@ class Recording(Timeline):
         drawn = DrawnLoads()
         seen = ((number, one) for number, one in enumerate(events, 1) if isinstance(one, BusSeen))
         self._loads = [load_of(number, one) for number, one in seen if drawn.takes(one)]
-        done = self.last().reconfigurations
+        done = self.reconfigurations()
         self.marks: list[dict[str, Any]] = [  # the reconfigurations, for the slider
             {"number": one.number, "epoch": one.epoch, "t_ns": one.done_ns, "what": one.sentence} for one in done
         ]

@@ -93,7 +93,7 @@ class RecordedSource:
 
     def to_reconfiguration(self, *, is_next: bool) -> None:
         """Move the cursor to the next or previous reconfiguration; if there is none, to the end or start."""
-        times = self.timeline.reconfigurations()
+        times = [one.done_ns for one in self.timeline.reconfigurations()]
         if is_next:
             self.move_to(min((t for t in times if t > self.at_ns), default=self.timeline.ends_ns))
         else:

@@ -62,7 +62,7 @@ function chips() {
     ["from", SOURCES[snapshot.source] ?? snapshot.source],
   ];
   list(byId("chips"), rows, (row) => row[0], ([name, value]) =>
-    h("div", {}, h("dt", {}, name), h("dd", {}, name === "phase" ? operate.phaseChoice(value) : String(value))));
+    h("div", { "data-chip": name }, h("dt", {}, name), h("dd", {}, name === "phase" ? operate.phaseChoice(value) : String(value))));
 }
 
 function take(kind, data) {
