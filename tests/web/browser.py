@@ -114,12 +114,18 @@ class Watched:
     def panel(self, name: str) -> None:
         self.page.click(f'#tabs a[href="#/{name}"]')
         self.page.wait_for_selector(f"#panel-{name}:not([hidden])")
+        self.drawn()
+
+    def drawn(self) -> None:
+        """Wait until the page has drawn what it knows: it draws in its next frame, which a busy computer shows late."""
+        self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def every_symbol(self) -> None:
         """Show the drawing of every symbol, and the table below it."""
         self.page.check("#graph-symbols")
         self.page.wait_for_selector("#graph .node")
         self.page.eval_on_selector("#table", "(one) => { one.open = true; }")
+        self.drawn()
 
     def until(self, script: str, longest_s: float = 10.0) -> None:
         """Wait until a script gives true; Playwright's own way needs an `eval` that the page forbids."""

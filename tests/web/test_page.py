@@ -116,7 +116,7 @@ def move_to(watched, share):
     }"""
     at_ns = watched.page.eval_on_selector("#replay input", moved, share)
     watched.until(f"Math.abs(heronry.store.at_ns - {at_ns}) < 2")
-    watched.page.wait_for_timeout(100)
+    watched.drawn()
 
 
 def step(watched):
@@ -124,7 +124,7 @@ def step(watched):
     before = watched.page.evaluate("heronry.store.at_ns")
     watched.page.click("#replay-next")
     watched.until(f"heronry.store.at_ns > {before}")
-    watched.page.wait_for_timeout(100)
+    watched.drawn()
 
 
 def take_picture(watched):
@@ -168,7 +168,7 @@ def test_a_recorded_flight_in_the_browser(chromium):
         assert all(url.startswith((server.address, "data:")) for url in watched.asked)
         assert watched.wrong == []
         server.stop()
-        watched.page.wait_for_selector("#stale:not([hidden])", timeout=8000)
+        watched.page.wait_for_selector("#stale:not([hidden])", timeout=30_000)
         assert "STALE" in (watched.page.text_content("#stale") or "")
 
 
