@@ -70,7 +70,7 @@ class Operator:
         yield from (Order(do, element) for element, orders in offers.items() for do in orders)
 
     def give(self, order: Order) -> str:
-        """Give an order, and return what the manager answers, or why it does not."""
+        """Return an order, and return what the manager answers, or why it does not."""
         spoken = read_order(json.dumps({"v": VERSION, "do": order.do, "what": order.what, "to": order.to}).encode())
         assert not isinstance(spoken, str | Follow), "KINDS has orders alone"
         try:
