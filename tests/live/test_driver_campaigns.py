@@ -9,7 +9,7 @@ pytestmark = pytest.mark.live
 
 
 def test_actuators_end_safely_whoever_is_paused_or_killed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert ends.main(["--number", str(part_of(100, 33))]) == 0, capsys.readouterr().out
+    assert ends.main(["--number", str(part_of(100, 25))]) == 0, capsys.readouterr().out
 
 
 def test_struck_drivers_end_as_declared_and_touch_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:

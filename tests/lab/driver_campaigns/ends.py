@@ -36,7 +36,7 @@ SAFE = "7"
 _NS = 1_000_000_000
 _LEASE_NS = LEASE_PERIODS * HEARTBEAT_MS * 1_000_000
 _STOPS_NS = 30_000_000  # from the look at the clock to the effect of a signal, on a busy computer
-WAYS = ("agent paused", "agent killed", "driver paused", "driver killed", "both paused", "sluggish and retired")
+WAYS = ("sluggish and retired", "agent paused", "agent killed", "driver paused", "driver killed", "both paused")
 _PE = {"servo_a": "tail_a", "servo_b": "tail_b"}
 CODE = """
 from heronry_agent.module import Module
