@@ -1,0 +1,72 @@
+"""What checkpoints take of a bus in a simulated flight, against what `heronry bus` says of it; and its oracle."""
+
+from pathlib import Path
+
+import pytest
+
+from heronry_dg.bus_schedule import bus_schedules
+from heronry_dg.loader import load
+from heronry_dg.situation import situation
+from heronry_manager.planner.exact import plan
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.oracles.checkpoints import CheckpointCheck
+from heronry_tools.sim.world.steps_seen import StateSeen
+from heronry_wire.identifiers import Use, classify
+from heronry_wire.timing import exact_bits
+
+SPEC = load(Path("dg_specs/examples/kept_state.dg.yaml"))
+S = 1_000_000_000
+WORST_BITS = 135  # of a frame of 8 bytes with a standard identifier
+
+
+@pytest.mark.parametrize("down", [(), ("pe:left",), ("pe:right",)])
+def test_a_bus_carries_the_frames_that_are_foretold(down: tuple[str, ...]) -> None:
+    now = situation(SPEC, down=down)
+    (schedule,) = bus_schedules(SPEC, now, plan(SPEC, now).configuration)
+    told = [one for one in schedule.messages if one.kind == "checkpoint"]
+    frames_per_s = sum(one.bits / WORST_BITS * S / one.period_ns for one in told)
+    flight = Simulation(SPEC, keep_trace=True, absent=[element.removeprefix("pe:") for element in down])
+    flight.run_until(9 * S)  # the start-up window of an absent PE has ended
+    begin_ns = flight.now_ns
+    flight.run_until(begin_ns + 20 * S)
+    sent = [
+        one.frame for one in flight.trace if one.end_ns > begin_ns and classify(one.frame.can_id).use is Use.CHECKPOINT
+    ]
+    assert len(sent) / 20 == pytest.approx(frames_per_s, rel=0.02)
+    assert sum(exact_bits(frame) for frame in sent) / 20 <= frames_per_s * WORST_BITS
+    assert bool(told) is not bool(down)
+
+
+# The oracle
+
+
+def seen(t_s: float, *, is_saved: bool, data: bytes = b"state", pe: str = "left", code: bytes = b"1") -> StateSeen:
+    return StateSeen(round(t_s * S), pe, "pitch_trim", is_saved, data, code)
+
+
+SAVED = seen(1.0, is_saved=True)
+
+
+@pytest.mark.parametrize(
+    ("restored", "says"),
+    [
+        (seen(1.9, is_saved=False, pe="right"), None),
+        (seen(2.1, is_saved=False, pe="right"), "from a state that is 1100.0 ms old, but may be 1000 ms old"),
+        (seen(1.5, is_saved=False, data=b"stat"), "from 73746174, which it has never saved"),
+        (seen(1.5, is_saved=False, code=b"2"), "from a state of another version of its code"),
+    ],
+)
+def test_a_start_is_judged_by_what_was_saved(restored: StateSeen, says: str | None) -> None:
+    oracle = CheckpointCheck(SPEC)
+    oracle.state_seen(SAVED)
+    oracle.state_seen(restored)
+    found = [one.story for one in oracle.violations]
+    assert found == ([] if says is None else [f"pitch_trim on {restored.pe} starts {says}"])
+
+
+def test_a_state_is_used_once_on_a_pe() -> None:
+    oracle = CheckpointCheck(SPEC)
+    for one in (SAVED, seen(1.5, is_saved=False), seen(1.6, is_saved=False, pe="right"), seen(1.7, is_saved=False)):
+        oracle.state_seen(one)
+    (violation,) = oracle.violations
+    assert violation.story == "pitch_trim on left starts from a state from which it has started there before"
