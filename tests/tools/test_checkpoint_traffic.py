@@ -2,15 +2,18 @@
 
 from pathlib import Path
 
+import cantools
 import pytest
 
 from heronry_dg.bus_schedule import bus_schedules
 from heronry_dg.loader import load
 from heronry_dg.situation import situation
 from heronry_manager.planner.exact import plan
+from heronry_tools.reports.dbc import dbc_text
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.checkpoints import CheckpointCheck
 from heronry_tools.sim.world.steps_seen import StateSeen
+from heronry_wire.checkpoint_frames import SentState
 from heronry_wire.identifiers import Use, classify
 from heronry_wire.timing import exact_bits
 
@@ -70,3 +73,12 @@ def test_a_state_is_used_once_on_a_pe() -> None:
         oracle.state_seen(one)
     (violation,) = oracle.violations
     assert violation.story == "pitch_trim on left starts from a state from which it has started there before"
+
+
+def test_a_dbc_names_the_fields_of_each_frame() -> None:
+    database = cantools.database.load_string(dbc_text(SPEC), "dbc")
+    assert [m.name for m in database.messages if "CHECKPOINT" in m.name] == ["CHECKPOINT_left", "CHECKPOINT_right"]
+    head, part = SentState.of(1, 9, b"12345", b"8 bytes.").frames(92)
+    told = database.decode_message(head.can_id, head.data)
+    assert (told["module"], told["round"], told["frame"], told["length"]) == (1, 9, 0, 5)
+    assert database.decode_message(part.can_id, part.data)["state"] == int.from_bytes(b"12345", "big")

@@ -5,7 +5,16 @@ from itertools import groupby
 
 from heronry_agent.core.forwarding import CAPACITY
 from heronry_manager.core.epochs import EPOCHS_PER_TERM
-from heronry_wire import canopen_objects, capacities, gateway_report, link, management, state_frames, transmit_queue
+from heronry_wire import (
+    canopen_objects,
+    capacities,
+    checkpoint_frames,
+    gateway_report,
+    link,
+    management,
+    state_frames,
+    transmit_queue,
+)
 from heronry_wire import protocol_times as promised
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import STANDARD_MASK
@@ -45,7 +54,7 @@ _LAYOUTS = {
 }
 _REPORTS = (
     *(state_frames.STATE_0, state_frames.STATE_1, state_frames.STATE_2, state_frames.STATE_3),
-    *(management.EMCY, gateway_report.LINK),
+    *(management.EMCY, gateway_report.LINK, checkpoint_frames.HEAD, checkpoint_frames.PART),
 )
 _PAGES = (state_frames.STATE_0, state_frames.STATE_1, state_frames.STATE_2, state_frames.STATE_3)
 _OWN_OBJECTS, _OWN_CODES = range(0x2000, 0x6000), range(0xFF00, 0x10000)  # CiA 301: the manufacturer's

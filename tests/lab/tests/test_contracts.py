@@ -27,6 +27,7 @@ class Breach(NamedTuple):
 INSIDE_A_ROOM_OF_THE_AGENT = {
     "authority": "followed_manager",
     "canopen": "sdo_server",
+    "checkpoints": "keeping",
     "configuration": "staging",
     "forwarding": "gateway",
     "modules": "schedule",

@@ -21,10 +21,12 @@ from cantools.database.can import Node
 from cantools.database.conversion import BaseConversion
 from cantools.database.namedsignalvalue import NamedSignalValue
 
+from heronry_dg.losses import receivers
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_dg.uplinks import radios
 from heronry_wire.canaerospace import HEADER_BYTES, DataType, Validity
+from heronry_wire.checkpoint_frames import HEAD, PART
 from heronry_wire.gateway_report import LINK, link_id
 from heronry_wire.identifiers import (
     GATEWAY_IDS,
@@ -32,6 +34,7 @@ from heronry_wire.identifiers import (
     PE_NODES,
     Command,
     actuator_echo_id,
+    checkpoint_id,
     emcy_id,
     emergency_event_id,
     heartbeat_id,
@@ -117,17 +120,19 @@ def _management() -> Iterator[Message]:
         for command, layout in _COMMANDS.items():
             name = f"{command.name}_{node}"
             yield _message(management_id(node, command), name, layout.length, list(_signals(layout)), f"manager_{node}")
-        yield _message(management_id(node, Command.SLICE), f"SLICE_{node}", 8, list(_slice()), f"manager_{node}")
+        slices = list(_split(SLICE_HEAD, SLICE_BODY, "index"))
+        yield _message(management_id(node, Command.SLICE), f"SLICE_{node}", 8, slices, f"manager_{node}")
         yield _heartbeat(node, f"manager_{node}")
 
 
-def _slice() -> Iterator[Signal]:
-    head, body = list(_signals(SLICE_HEAD)), list(_signals(SLICE_BODY))
+def _split(first: Layout, others: Layout, number: str) -> Iterator[Signal]:
+    """Yield the signals of what takes several frames; the third field, `number`, is 0 in the first of them."""
+    head, body = list(_signals(first)), list(_signals(others))
     for signal in head[:3]:
-        signal.is_multiplexer = signal.name == "index"
+        signal.is_multiplexer = signal.name == number
         yield signal
     for signal, indices in [*((s, [0]) for s in head[3:]), (body[3], list(range(1, 256)))]:
-        signal.multiplexer_ids, signal.multiplexer_signal = indices, "index"
+        signal.multiplexer_ids, signal.multiplexer_signal = indices, number
         yield signal
 
 
@@ -138,6 +143,10 @@ def _per_node(nodes: Mapping[int, str], spec: Spec | None) -> Iterator[Message]:
         yield _message(emergency_event_id(node), f"EMERGENCY_{name}", 8, list(_emergency_event()), name)
         yield _heartbeat(node, name)
         yield _message(actuator_echo_id(node), f"ECHO_{name}", 8, list(_echo(spec)), name)
+        if spec is None or f"pe:{name}" in receivers(spec):
+            yield _message(
+                checkpoint_id(node), f"CHECKPOINT_{name}", HEAD.length, list(_split(HEAD, PART, "frame")), name
+            )
 
 
 def _links(spec: Spec | None) -> Iterator[Message]:
