@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from heronry_tools.reports.troubles import troubles
+from heronry_tools.reports.troubles import silence_troubles, troubles
 from heronry_wire.management import FaultCode
 from manager.one_manager import OneManager
 
@@ -19,6 +19,16 @@ def status() -> Status:
     manager = OneManager()
     manager.start()
     return deepcopy(manager.core.status())
+
+
+SILENCE = {
+    "module": "control",
+    "by": "left",
+    "what": "input",
+    "variable": "state",
+    "producer": "estimator",
+    "for_ns": 0,
+}
 
 
 def fault(element: str, code: str, by: str = "left") -> Status:
@@ -69,6 +79,7 @@ def test_a_system_that_is_well_has_none(status: Status) -> None:
             "checkpoint",
             "the state of module:control on left is not kept: its save hangs",
         ),
+        (lambda s: s["silences"].append(SILENCE), "data", "control on left gets no state from estimator"),
         (lambda s: s["unwatched"].append("landing"), "phases", "phase landing"),
         (lambda s: s["functions"]["elevator"].update(served=False, why_not="no servo"), "functions", "no servo"),
         (lambda s: s["functions"]["elevator"].update(served=None, why_not=""), "functions", "not served"),
@@ -82,6 +93,13 @@ def test_each_trouble_is_named_alone_and_has_a_remedy(
     assert found.check == check
     assert says in found.says
     assert found.remedy
+
+
+def test_a_silence_that_is_named_elsewhere_is_not_named_again(status: Status) -> None:
+    output = {**SILENCE, "module": "estimator", "what": "output", "producer": None}
+    status["silences"] = [output, SILENCE, {**SILENCE, "variable": "rate"}]
+    (found,) = silence_troubles(status, {("estimator", "state")})
+    assert "gets no rate" in found.says
 
 
 @pytest.mark.parametrize("is_over", [{}, {"is_over": False}])

@@ -71,6 +71,11 @@ class WiredInputs:
         self._on_a_bus = frozenset(self._data.values())
 
     @property
+    def wired(self) -> frozenset[_Datum]:
+        """Return the data that an input takes: producer and variable of each."""
+        return frozenset((wire.producer, wire.variable) for _, _, wire in self.configuration.wires())
+
+    @property
     def patience_ns(self) -> int:
         """How long to listen, in ns, so that every silence and every function is judged."""
         functions = [self.witness.patience_ns(name) for name in self.spec.functions]
@@ -96,7 +101,8 @@ class WiredInputs:
 
         told: data that PEs report as silent themselves; they may be on no bus.
         """
-        silent: dict[_Datum, _Source | None] = dict.fromkeys(one for one in told if self._is_wired(one))
+        wired = self.wired
+        silent: dict[_Datum, _Source | None] = dict.fromkeys(one for one in told if one in wired)
         for key, source in self._sources.items():
             source.longest_ns = max(source.longest_ns, end_ns - source.last_ns)
             if source.longest_ns > source.patience_ns and silent.get(self._data[key]) is None:
@@ -111,9 +117,6 @@ class WiredInputs:
         if not silent:
             yield Finding("inputs", f"fresh data come on {self._heard()}")
         yield from self._functions(silent, end_ns)
-
-    def _is_wired(self, datum: _Datum) -> bool:
-        return any((wire.producer, wire.variable) == datum for _, _, wire in self.configuration.wires())
 
     def _heard(self) -> str:
         wires = [(wire.producer, wire.variable) for _, _, wire in self.configuration.wires()]

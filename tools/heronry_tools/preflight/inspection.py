@@ -28,7 +28,13 @@ from heronry_tools.preflight.told import (
     silent_data,
 )
 from heronry_tools.reports.findings import Finding
-from heronry_tools.reports.troubles import element_troubles, function_troubles, manager_troubles, standing_troubles
+from heronry_tools.reports.troubles import (
+    element_troubles,
+    function_troubles,
+    manager_troubles,
+    silence_troubles,
+    standing_troubles,
+)
 from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.doctor.computer import assess_computer, assess_date, assess_disk, assess_wake_ups
 from heronry_tools.runtime.wake_ups import latest_wake_up_ns, with_heartbeat
@@ -82,7 +88,9 @@ class Inspection:
         found += [assess_key(status, self.key), assess_contingencies(status, spec, self.named)]
         found += [*survey.findings(seconds), *_pes(status, survey), *element_troubles(status)]
         if spec.manager.bus in survey.heard and status["epoch"] == before.status["epoch"]:  # else others should send
-            found += inputs.findings(until_ns, silent_data(status))
+            found += [*inputs.findings(until_ns, silent_data(status)), *silence_troubles(status, inputs.wired)]
+        else:
+            found += silence_troubles(status)
         return [*found, *function_troubles(status)]
 
 

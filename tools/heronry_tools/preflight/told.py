@@ -6,6 +6,7 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_tools.reports.findings import Finding
+from heronry_tools.reports.troubles import silent_datum
 from heronry_wire.authentication import Key
 
 
@@ -42,7 +43,7 @@ def assess_contingencies(status: Mapping[str, Any], spec: Spec, named: str) -> F
 
 def silent_data(status: Mapping[str, Any]) -> set[tuple[str, str]]:
     """Return the data that PEs report as silent: producer and variable of each."""
-    return {(one["producer"] or one["module"], one["variable"]) for one in status.get("silences", ())}
+    return set(map(silent_datum, status.get("silences", ())))
 
 
 def files_of(status: Mapping[str, Any]) -> Iterator[Path]:

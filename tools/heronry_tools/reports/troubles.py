@@ -4,7 +4,7 @@
 remedies, too. A PE is judged by `standing_troubles`, to which `preflight` adds what it hears itself.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from heronry_dg.situation import module_of
@@ -36,6 +36,7 @@ def troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     for name in status["pes"]:
         yield from standing_troubles(status, name)
     yield from element_troubles(status)
+    yield from silence_troubles(status)
     yield from function_troubles(status)
 
 
@@ -98,7 +99,7 @@ def code_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield what is told of faults, modules, radios, channels and inputs."""
+    """Yield what is told of faults, modules, radios, channels and phases."""
     reasons = {(failure["element"], failure["by"]): failure for failure in status["failures"]}
     for fault in status["latched"]:
         reason = reasons.pop((module_of(fault["element"]), fault["by"]), None)
@@ -116,8 +117,6 @@ def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
         if lacking:
             says = f"channel:{channel} carries nothing, as {', '.join(lacking)} report; the other channel works"
             yield Finding("channels", says, "check the wire of that channel, and the stub of each node named")
-    for silence in status["silences"]:
-        yield _silent(silence)
     for told in status["disagreements"]:
         says = f"two inputs of module:{told['module']} disagree, reported by {told['by']} (detail {told['detail']})"
         yield Finding("disagreement", says, "compare the two: heronry top")
@@ -148,6 +147,16 @@ def _is_over(failure: Mapping[str, Any]) -> bool:
 def _failed(failure: Mapping[str, Any]) -> str:
     ago = failure["for_ns"] // _NS_PER_S
     return f"{failure['element']} failed on {failure['by']}, {ago} s ago: {failure['text']}"
+
+
+def silence_troubles(status: Mapping[str, Any], named: Collection[tuple[str, str]] = ()) -> Iterator[Finding]:
+    """Yield what PEs report as silent, but no datum of `named` (producer and variable)."""
+    yield from (_silent(one) for one in status["silences"] if silent_datum(one) not in named)
+
+
+def silent_datum(silence: Mapping[str, Any]) -> tuple[str, str]:
+    """Return producer and variable of a silence that a PE reports; of an output, the module itself is the producer."""
+    return silence["producer"] or silence["module"], silence["variable"]
 
 
 def _silent(silence: Mapping[str, Any]) -> Finding:
