@@ -4,12 +4,14 @@ Elements are read one by one, so that a mistake in one element does not affect t
 called *broken*: it stays in the draft under its name, with `form` None. So a reference to a broken element is not an
 unknown name, and code that needs the fields of a broken element skips the element without a finding.
 
+A file with MOST_FINDINGS findings is read no further, and is not readable: what it declares below would look unknown.
+
 This file also translates each error of pydantic into a finding about the field, at the place of its value.
 """
 
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Generic, TypeVar
 
 from pydantic import ValidationError
@@ -35,12 +37,16 @@ from heronry_dg.model import (
     Variable,
 )
 from heronry_dg.quantities import UnfitError
+from heronry_dg.rules import file as file_rules
 from heronry_dg.rules import schema as rules
 from heronry_dg.rules.rule import Rule
 from heronry_dg.schema import ONLY_MODE, read
 from heronry_dg.yaml_source import Node
 
 E_co = TypeVar("E_co", covariant=True)
+
+MOST_FINDINGS: Final = 10_000
+"""With so many a file is read no further: only a program writes that many mistakes, and a list of all does not help."""
 
 _NAME: Final = re.compile(NAME_PATTERN)
 _SECTIONS: Final = tuple(name for name in key_names(Spec) if name not in key_names(Header))
@@ -161,11 +167,12 @@ class _DraftReader:
     def __init__(self, root: yaml_source.Mapping, findings: Findings) -> None:
         self._root = root
         self._findings = findings
+        self._has_ended = False  # there are too many findings: the rest of the file is not read
 
     def read(self) -> Draft:
         gates = dict(self._entries("gates"))
         demuxes = {name: entry for name, entry in gates.items() if _is_demux(entry.node)}
-        return Draft(
+        draft = Draft(
             root=self._root,
             readable=all(self._is_readable(section) for section in _SECTIONS) and not self._misspelt_sections(),
             header=self._header(),
@@ -182,6 +189,7 @@ class _DraftReader:
             phases=self._section("phases", "phase", Phase),
             plants=self._section("plants", "plant", Plant),
         )
+        return replace(draft, readable=draft.readable and not self._has_ended)
 
     def _header(self) -> Header | None:
         header = {key: entry for key, entry in self._root.entries.items() if key not in _SECTIONS}
@@ -227,9 +235,19 @@ class _DraftReader:
             self._findings.add(rules.NOT_A_MAP, node.place, sentence, "write NAME: {...}")
             return
         for name, entry in node.entries.items():
+            if self._ends_at(entry.place):
+                return
             if _NAME.fullmatch(name) is None:
                 self._findings.add(rules.BAD_NAME, entry.place, f"{shown(name)} cannot be a name", _NAME_HINT)
             yield name, entry
+
+    def _ends_at(self, place: Place) -> bool:
+        """Tell whether the file is read no further than this place, because it has too many findings."""
+        if len(self._findings) >= MOST_FINDINGS and not self._has_ended:
+            self._has_ended = True
+            sentence = f"the file has {MOST_FINDINGS} mistakes up to here, and is read no further"
+            self._findings.add(file_rules.TOO_LARGE, place, sentence, "check the program that wrote the file")
+        return self._has_ended
 
     def _module(self, name: str, entry: yaml_source.Entry) -> ModuleElement:
         subject = f"module {shown(name)}"

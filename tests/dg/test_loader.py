@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from dg.marked_spec import RUNS, findings, spec_text
 from heronry_dg import yaml_source
+from heronry_dg.draft import MOST_FINDINGS
 from heronry_dg.findings import Findings, SpecError
 from heronry_dg.gates import And, Leaf, Or, Xor
 from heronry_dg.loader import load, loads
@@ -191,6 +192,18 @@ def test_a_file_that_is_too_long_is_not_read_to_its_end(tmp_path: Path) -> None:
     path.write_bytes(b"#" * (yaml_source.MOST_BYTES + 1))
     with pytest.raises(SpecError, match=r"long\.dg\.yaml:1:1: DG002 error: the file has more than 4194304 bytes"):
         load(path)
+
+
+def test_a_file_with_thousands_of_mistakes_is_read_no_further_and_blames_nothing_below() -> None:
+    """Its one function names a module that is below the last one that was read."""
+    modules = "".join(f"  m{number}: {{}}\n" for number in range(MOST_FINDINGS + 5))
+    text = f"dg: 1\nname: many\nmodules:\n{modules}functions:\n  f: {{output: m{MOST_FINDINGS + 4}, criticality: A}}\n"
+    with pytest.raises(SpecError) as raised:
+        loads(text, "many.dg.yaml")
+    *found, last = raised.value.findings
+    assert {one.code for one in found} == {"DG103"}
+    assert (last.code, last.place.line) == ("DG002", MOST_FINDINGS + 4)
+    assert len(found) == MOST_FINDINGS
 
 
 def test_the_parser_without_libyaml_reads_the_same_tree(monkeypatch: pytest.MonkeyPatch) -> None:
