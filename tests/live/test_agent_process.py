@@ -5,17 +5,19 @@ On a software bus, and on SocketCAN where there is a vcan0.
 
 import os
 import signal
+import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from time import sleep
+from time import monotonic, sleep
 
 import can
 import pytest
 
-from agent.one_pe import BEAT_NS, DEMAND_ID, FLYING, NEIGHBOUR, NODE, TABLE, neighbour_state, slice_messages
+from agent.one_pe import BEAT_NS, CONTROL, DEMAND_ID, FLYING, NEIGHBOUR, NODE, TABLE, neighbour_state, slice_messages
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.frame import Frame
@@ -25,6 +27,7 @@ from heronry_wire.management import Activate, Alive, Ping, Step
 from heronry_wire.pe_table import PeTable
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, decode_state
 from lab.peers import command_frame
+from live.modules_that_misbehave import THIRD
 
 PATIENCE_S = 10.0
 TESTS = Path(__file__).resolve().parents[1]
@@ -154,6 +157,46 @@ def test_code_that_cannot_be_loaded_is_reported_and_refused_from_then_on(ground:
     slices = slice_messages(replace(FLYING, publish={}), 8, 1008, table=table)
     ground.say(*map(command_frame, [*slices, Ping(1, NODE, 0)]))
     ground.hear(lambda f: f.can_id == state_id(NODE) and f.data[0] >= 0x40 and _reason(f) is Reason.IMAGE)
+
+
+def descendants(process: int) -> set[int]:
+    """Process numbers of the children of a process, of their children, and so on."""
+    found, parents = {process}, dict[int, int]()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            parents[int(stat.parent.name)] = int(stat.read_text(errors="replace").rpartition(") ")[2].split()[1])
+    while more := {one for one, parent in parents.items() if parent in found} - found:
+        found |= more
+    return found - {process}
+
+
+def lives(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(") ")[2][0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+@pytest.mark.parametrize("ground", [_SOFTBUS], indirect=True)
+def test_what_a_module_has_forked_ends_when_the_agent_is_killed(ground: Ground) -> None:
+    forks = "live.modules_that_misbehave:Forks"
+    modules = tuple(replace(m, image=forks) if m.index == CONTROL else m for m in LIVE_TABLE.modules)
+    table = replace(LIVE_TABLE, modules=modules)
+    ground.table.write_text(table.to_json())
+    agent = ground.start()
+    ground.hear_page_0()
+    ground.configure(table)
+    ground.hear(lambda frame: frame.can_id == DEMAND_ID and struct.unpack(">f", frame.data[4:])[0] >= THIRD)
+    forked = descendants(agent.pid)
+    parents = {one for one in forked if descendants(one)}
+    assert len(parents) == 1, "one partition has a child"
+    agent.kill()
+    agent.wait(PATIENCE_S)
+    end_s = monotonic() + PATIENCE_S
+    while any(map(lives, forked)):
+        assert monotonic() < end_s, {one for one in forked if lives(one)}
+        sleep(0.02)
 
 
 def _reason(frame: Frame) -> Reason:
