@@ -10,7 +10,7 @@ import resource
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from io import StringIO
@@ -63,13 +63,15 @@ class Aircraft:
     buses: dict[str, BusChoice]
 
     def preflight(self, *options: str, wait_s: float = 0.0) -> tuple[int, list[dict[str, Any]]]:
-        """What the command says of this aircraft: its exit code and its findings."""
+        """What the command says of this aircraft: its exit code and its findings; none while no manager answers."""
         radios = [f"--bus={one.port_argument()}" for name, one in self.buses.items() if name != self.spec.manager.bus]
         socket = f"--socket={self.fleet.control_socket(126)}"
         said = StringIO()
         with redirect_stdout(said):
             words = ["preflight", str(self.file), *radios, socket, "--json", "--wait", str(wait_s), *options]
             code = main(words)
+        if code == 2:
+            return code, []
         told = json.loads(said.getvalue())
         assert told["ok"] == (code == 0)
         return code, told["findings"]
@@ -84,7 +86,7 @@ class Aircraft:
                 assert code == 1
                 assert all(one["type"] for one in findings if not one["ok"])
                 return wrong
-            assert time.monotonic() < end_s, findings
+            assert time.monotonic() < end_s, "\n".join(map(str, wrong.items()))
 
     def order(self, order: Spoken) -> None:
         """Give an order to the manager, which may refuse it: not every PE counts as failed when it is cleared."""
@@ -93,7 +95,7 @@ class Aircraft:
     def go(self) -> None:
         """Wait until the command says GO."""
         code, findings = self.preflight(wait_s=PATIENCE_S)
-        assert code == 0, [one for one in findings if not one["ok"]]
+        assert code == 0, "\n".join(str(one) for one in findings if not one["ok"])
 
 
 @contextmanager
@@ -115,8 +117,9 @@ def drain(fleet: Fleet) -> threading.Thread:
     stream = EventStream(fleet.start_manager())
 
     def read() -> None:
-        while not stream.has_ended:
-            stream.take(0.5)
+        with suppress(ValueError):  # the fleet closes the stream of a manager that it kills
+            while not stream.has_ended:
+                stream.take(0.5)
 
     thread = threading.Thread(target=read, daemon=True)
     thread.start()
