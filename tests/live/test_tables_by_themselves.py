@@ -12,6 +12,7 @@ from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.core.tables import Compiler
 from heronry_manager.events import AnotherTable, PeJoined, PeLost, Reconfigured, TableBrought
+from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.pe_table import PeTable
 from live.told_events import next_event
@@ -25,12 +26,12 @@ NODES = {pe.name: pe.node_id for pe in load(shipped_spec_path(SPEC)).pes.values(
 class Nodes:
     """The processes on a software bus."""
 
-    def __init__(self, bus: Path) -> None:
-        self.bus = ["-i", "softbus", "-c", str(bus)]
+    def __init__(self, bus: Path, *more: str) -> None:
+        self.bus, self.more = ["-i", "softbus", "-c", str(bus)], more
         self.running: list[subprocess.Popen[str]] = []
 
     def start(self, *words: str) -> "subprocess.Popen[str]":
-        command = [sys.executable, "-m", *words, *self.bus, "--until-eof"]
+        command = [sys.executable, "-m", *words, *self.bus, *self.more, "--until-eof"]
         self.running.append(
             subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         )
@@ -96,3 +97,48 @@ def test_a_damaged_table_and_that_of_another_spec_are_replaced_and_kept(nodes: N
     compiler = Compiler(load(shipped_spec_path(SPEC)))
     for pe in (first, second, third):
         assert PeTable.from_json(files[pe].read_text()) == PeTable.from_json(compiler.table(pe).to_json())
+
+
+BIG_BLUE = load(shipped_spec_path("big_blue"))
+RADIO = BIG_BLUE.buses["radio"]
+
+
+@pytest.mark.soak  # nine agents, a manager with its solver, and two buses
+@pytest.mark.parametrize("has_key", [False, True])
+def test_nine_nodes_with_a_node_id_and_a_bus_fly_big_blue_and_one_is_replaced(has_key: bool, tmp_path: Path) -> None:
+    key = tmp_path / "fleet.key"
+    assert main(["key", str(key)]) == 0
+    with (
+        start_hub(tmp_path / "can0.sock", 1_000_000) as can0,
+        start_hub(tmp_path / "radio.sock", RADIO.bitrate) as radio,
+    ):
+        nodes = Nodes(can0.path, *(["--key", str(key)] if has_key else []))
+        beyond = Nodes(radio.path, "--bitrate", str(RADIO.bitrate), *nodes.more)
+        try:
+            fly_big_blue(nodes, beyond, radio.path, tmp_path)
+        finally:
+            nodes.end()
+            beyond.end()
+
+
+def fly_big_blue(nodes: Nodes, beyond: Nodes, radio: Path, folder: Path) -> None:
+    agents = {}
+    for pe in BIG_BLUE.pes.values():
+        here = nodes if BIG_BLUE.manager.bus in pe.buses else beyond
+        other = ["--bus", f"radio=softbus:{radio}"] if len(pe.buses) > 1 else []
+        agents[pe.name] = here.start("heronry_agent", "--simulated", "--node", str(pe.node_id), *other)
+    manager = nodes.start(
+        "heronry_tools.cli", "manager", "big_blue", "--json", "--contingencies", "none", "--state-dir", str(folder),
+        "--socket", str(folder / "manager.sock"),
+    )  # fmt: skip
+    assert manager.stdout is not None
+    waiting = set(BIG_BLUE.pes)
+    while waiting:
+        waiting.remove(next_event(manager.stdout, TableBrought).pe)
+    next_event(manager.stdout, Reconfigured)
+    agents["payload"].kill()
+    next_event(manager.stdout, PeLost, pe="payload")
+    nodes.start("heronry_agent", "--simulated", "--node", str(BIG_BLUE.pes["payload"].node_id))
+    next_event(manager.stdout, TableBrought, pe="payload")
+    next_event(manager.stdout, PeJoined, pe="payload")
+    next_event(manager.stdout, Reconfigured)
