@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -74,6 +75,28 @@ def test_blank_nodes_fly_and_one_is_replaced_in_flight(nodes: Nodes, tmp_path: P
     next_event(manager.stdout, TableBrought, pe="tail_pe")
     next_event(manager.stdout, PeJoined, pe="tail_pe")
     next_event(manager.stdout, Reconfigured)
+
+
+def test_a_pe_is_retired_and_restored(nodes: Nodes, tmp_path: Path) -> None:
+    file = tmp_path / "slow.dg.yaml"  # a computer that stands still for some periods loses no PE
+    file.write_text(
+        shipped_spec_path(SPEC).read_text().replace("bitrate: 1000000", "bitrate: 1000000, heartbeat_ms: 200")
+    )
+    for pe in NODES:
+        nodes.blank(pe)
+    manager = nodes.start(
+        "heronry_tools.cli", "manager", str(file), "--json", "--contingencies", "none", "--state-dir", str(tmp_path),
+        "--socket", str(tmp_path / "manager.sock"),
+    )  # fmt: skip
+    assert manager.stdout is not None
+    waiting = set(NODES)
+    while waiting:
+        waiting.discard(next_event(manager.stdout, PeJoined).pe)
+    for order, done in (("retire", "retired"), ("restore", "restored")):
+        while main([order, "pe:control_pe", "--socket", str(tmp_path / "manager.sock")]):
+            time.sleep(0.5)  # a reconfiguration is under way
+        while f"pe:control_pe {done} by the operator" not in next_event(manager.stdout, Reconfigured).causes:
+            pass  # that of the last PE that has joined
 
 
 def test_a_damaged_table_and_that_of_another_spec_are_replaced_and_kept(nodes: Nodes, tmp_path: Path) -> None:

@@ -2,15 +2,17 @@
 
 import pytest
 
-from heronry_dg.loader import loads
+from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.response_times import ResponseTimes
+from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import hops
 from heronry_manager import events
 from heronry_manager.core.provisioning.pace import SHARES
 from heronry_manager.core.vocabulary import ClearElement, FailElement
 from heronry_wire.frame import Frame
+from heronry_wire.gateway_report import LinkReport, LinkState
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id
 from heronry_wire.state_frames import PeState
 from heronry_wire.timing import worst_bits
@@ -128,3 +130,29 @@ def test_a_transfer_that_has_no_room_any_more_is_ended_and_a_wait_for_an_answer_
     assert manager.frames[-1].can_id != REQUEST
     assert [one for one in manager.frames if one.can_id == REQUEST][-1].data[0] == 0x80
     assert [told.why for told in manager.of(events.TableNotTaken)] == ["beside what runs the bus has no room for it"]
+
+
+def test_beyond_a_gateway_the_slowest_bus_and_what_is_left_of_a_radio_give_the_pace() -> None:
+    manager = OneManager(load(shipped_spec_path("big_blue")), brings_tables=True)
+    pace, radio = manager.core._known.bringing._pace, manager.spec.buses["radio"]
+    assert [bus.name for bus in pace.way("ground")] == ["can0", "radio"]
+    assert pace.period_ns("comms") == periods_ns(1_000_000)[0]
+    whole_ns = pace.period_ns("ground")
+    assert whole_ns == periods_ns(radio.bitrate)[0]
+    (link,) = (port.link_id for port in manager.compiler.table("comms").ports if port.link_id is not None)
+    report = LinkReport(manager.spec.pes["comms"].node_id, LinkState.UP, 1, 100, 100, 0, 0)
+    manager.live("comms")
+    manager.hear(Frame(link, report.encode()))
+    assert manager.core.now.limits
+    left_ns = pace.period_ns("ground")
+    assert left_ns is not None
+    assert left_ns > whole_ns
+
+
+def test_a_pe_to_which_no_way_leads_is_brought_no_table() -> None:
+    apart = SPEC_TEXT.replace("bitrate: 1000000}}", "bitrate: 1000000}, can1: {bitrate: 1000000}}").replace(
+        "node_id: 94, buses: [can0]", "node_id: 94, buses: [can1]"
+    )
+    manager = OneManager(loads(apart, "apart.dg.yaml"), brings_tables=True)
+    assert manager.core._known.bringing._pace.way(PE) == []
+    assert not manager.core.hears(heartbeat_id(NODE))

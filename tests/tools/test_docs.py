@@ -158,6 +158,7 @@ RULES = [
         How.EXEMPT,
         "tests/live/test_operator.py gives it to a manager",
     ),
+    Rule(r"heronry (retire|restore)\b.*", How.EXEMPT, "tests/live/test_tables_by_themselves.py retires a PE"),
     Rule(r"python -m lab\.(fuzz|attack)\b.*", How.RUN, more="" if IS_WHOLE else "--count 20"),
     Rule(r"python -m lab\.conformance pe_staging|python -m lab\.cut_set_enumeration\b.*", How.RUN),
     Rule(r"python -m lab\.mutation .* --list", How.RUN),
