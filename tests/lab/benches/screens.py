@@ -90,20 +90,29 @@ def _new_page(browser: Browser) -> Page:
 
 
 @contextmanager
-def _browser() -> Iterator[Browser]:
-    chromium = shutil.which("chromium")
-    if chromium is None:
+def chromium() -> Iterator[Browser]:
+    """Start Debian's Chromium; raises UserError if there is none."""
+    with chromiums(1) as (opened,):
+        yield opened
+
+
+@contextmanager
+def chromiums(count: int) -> Iterator[list[Browser]]:
+    """Start Debian's Chromium so many times, each with processes of its own; raises UserError if there is none."""
+    found = shutil.which("chromium")
+    if found is None:
         raise UserError("there is no Chromium here: as root, apt-get install chromium")
     with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=chromium, args=_FLAGS)
+        opened = [playwright.chromium.launch(executable_path=found, args=_FLAGS) for _ in range(count)]
         try:
             yield opened
         finally:
-            opened.close()
+            for one in opened:
+                one.close()
 
 
 @dataclass(slots=True)
-class _Flight:
+class DisturbedFlight:
     """An aircraft whose configuration runs, with a device that fails and is repaired in turn."""
 
     fleet: Fleet
@@ -125,7 +134,8 @@ class _Flight:
 
 
 @contextmanager
-def _flight(spec_name: str) -> Iterator[_Flight]:
+def disturbed_flight(spec_name: str) -> Iterator[DisturbedFlight]:
+    """Fly a spec until its first configuration runs, and end all processes at the end."""
     with aircraft(spec_name) as flown:
         events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
         flown.start_pes()
@@ -134,7 +144,7 @@ def _flight(spec_name: str) -> Iterator[_Flight]:
         reader = Thread(target=_read_all, args=(events, over))
         reader.start()
         try:
-            yield _Flight(flown.fleet, _device(flown))
+            yield DisturbedFlight(flown.fleet, _device(flown))
         finally:
             over.set()
             reader.join()
@@ -152,9 +162,12 @@ def _device(flown: Aircraft) -> str:
 
 
 @contextmanager
-def _web(flight: _Flight) -> Iterator[tuple[str, int]]:
-    """Run `heronry web` on the manager of a flight; yields its address and its process number."""
-    typed = [*_HERONRY, "web", "--socket", str(flight.fleet.control_socket()), "--json", "--until-eof"]
+def served_page(flight: DisturbedFlight, python: str = sys.executable) -> Iterator[tuple[str, int]]:
+    """Run `heronry web` on the manager of a flight; yields its address and its process number.
+
+    python: the interpreter; that of another checkout serves the page of that checkout.
+    """
+    typed = [python, *_HERONRY[1:], "web", "--socket", str(flight.fleet.control_socket()), "--json", "--until-eof"]
     process = subprocess.Popen(typed, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
     assert process.stdout is not None
     try:
@@ -169,7 +182,7 @@ def _web(flight: _Flight) -> Iterator[tuple[str, int]]:
 
 def _event_to_screen(spec_name: str, browser: Browser, count: int) -> list[float]:
     """Return the time from each event until it is drawn, in ms."""
-    with _flight(spec_name) as flight, _web(flight) as (address, _):
+    with disturbed_flight(spec_name) as flight, served_page(flight) as (address, _):
         page = _new_page(browser)
         page.goto(f"{address}#/events")
         page.wait_for_selector("#events tr")
@@ -292,7 +305,7 @@ class _Cost:
 
 
 def _cost(browser: Browser, arguments: Namespace) -> _Cost:
-    with _flight(arguments.spec) as flight, _web(flight) as (address, web):
+    with disturbed_flight(arguments.spec) as flight, served_page(flight) as (address, web):
         pages = [_new_page(browser) for _ in range(2)]
         for page in pages:
             page.goto(address)
@@ -304,7 +317,7 @@ def _cost(browser: Browser, arguments: Namespace) -> _Cost:
             top.close()
 
 
-def _watched(flight: _Flight, pages: list[Page], web: int, top: _Top, arguments: Namespace) -> _Cost:
+def _watched(flight: DisturbedFlight, pages: list[Page], web: int, top: _Top, arguments: Namespace) -> _Cost:
     cost, begun_s, next_s, long_s = _Cost(), time.monotonic(), 0.0, 60 * arguments.minutes
     before = cpu_s(web), cpu_s(top.pid)
     marks = [(long_s / 6, "heap"), (long_s / 3, "memory"), (long_s, "heap"), (long_s, "memory")]
@@ -343,7 +356,7 @@ def measure(arguments: Namespace, report: Report) -> None:
     slower_ms = arguments.heartbeat_ms
     heartbeats = "" if slower_ms is None else f", heartbeats of {slower_ms} ms"
     report.begin(f"{arguments.spec}{heartbeats}, software bus, Chromium")
-    with interruption.in_order(), TemporaryDirectory() as folder, _browser() as browser:
+    with interruption.in_order(), TemporaryDirectory() as folder, chromium() as browser:
         if slower_ms is not None:
             arguments.spec = str(slow_spec(arguments.spec, Path(folder), heartbeat_ms=slower_ms))
         if arguments.events:
