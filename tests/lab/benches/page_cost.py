@@ -48,7 +48,7 @@ class Side:
 
     name: str
     python: str
-    panel: tuple[str, str] = ("#/graph", "#graph .box")
+    panel: tuple[str, str] = ("#/graph", "#graph .box, #graph .node")
 
 
 @dataclass(frozen=True, slots=True)
