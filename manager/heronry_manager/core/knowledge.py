@@ -14,6 +14,7 @@ The objects stay the same for as long as the manager runs. When the manager forg
     script          the configuration that a script of the operator has ordered
     authenticity    with a key: what has been proven; None without a key
     details         what PEs store for people to read. No decision depends on it, and the manager does not forget it
+    unknown_nodes   which nodes the spec does not have. No decision depends on it
     bringing        which PEs wait without a table. It forgets by itself when the manager is not active
     code            which PEs lack code, and what is on its way to them. It forgets by itself, too
 """
@@ -22,7 +23,7 @@ from heronry_manager.core.authentication import Authenticity
 from heronry_manager.core.epochs import Advice, Deployment, HeldOutputs, Silences
 from heronry_manager.core.mastership import Claim, Following, Mastership
 from heronry_manager.core.membership import Exclusion, Health
-from heronry_manager.core.provisioning import CodeBringing, TableBringing
+from heronry_manager.core.provisioning import CodeBringing, TableBringing, UnknownNodes
 from heronry_manager.core.reports import PeDetails
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.situation import HeldScript, KnownSituation
@@ -65,6 +66,7 @@ class Knowledge:
         self.bringing = TableBringing(
             settings, turn, claim, self.health, deployment=self.deployment, situation=self.situation
         )
+        self.unknown_nodes = UnknownNodes(spec, turn)
         self.code = CodeBringing(settings, turn, claim, self.health, self.deployment, situation=self.situation)
 
     def forget(self) -> None:

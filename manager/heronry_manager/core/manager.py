@@ -370,4 +370,6 @@ class ManagerCore:
             held=known.held_outputs,
             silences=known.silences,
             code=known.code.status(),
+            tables=known.bringing.status(),
+            unknown_nodes=known.unknown_nodes.status(),
         )

@@ -59,6 +59,7 @@ from heronry_manager.events.epochs import (
     TableNotTaken,
     Times,
     UnknownEpoch,
+    UnknownNode,
 )
 from heronry_manager.events.event import (
     VERSION,
@@ -237,6 +238,7 @@ __all__ = [
     "UnknownEpoch",
     "UnknownEvent",
     "UnknownInput",
+    "UnknownNode",
     "UnknownOutput",
     "Waited",
     "kinds_of",

@@ -128,6 +128,14 @@ class TableNotTaken(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class UnknownNode(Event):
+    """A node uses a node-ID of a PE that the spec does not have."""
+
+    node: int
+    says: Annotated[str, "what it does: whether it waits for a table, runs nothing, or runs for another system"]
+
+
+@dataclass(frozen=True, slots=True)
 class CodeBrought(Event):
     """The PE lacked code, and runs this version of the bundle that this manager brought it over the bus."""
 

@@ -97,6 +97,7 @@ _SENTENCES = dict(
             lambda e: f"{e.pe} waited without a table, and was brought it: {e.bytes} bytes in {e.took_ns / 1e9:.1f} s",
             "good",
         ),
+        _says(events.UnknownNode, lambda e: f"node {e.node} is not in the spec: it {e.says}", "bad"),
         _says(events.TableNotTaken, lambda e: f"{e.pe} waits without a table: {e.why}; the table is sent again", "bad"),
         _says(
             events.CodeBrought,

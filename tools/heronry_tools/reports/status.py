@@ -4,7 +4,14 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from heronry_manager.core.mastership import Mastership
-from heronry_tools.reports.troubles import code_troubles, element_troubles, mended, silence_troubles, table_troubles
+from heronry_tools.reports.troubles import (
+    code_troubles,
+    element_troubles,
+    mended,
+    silence_troubles,
+    table_troubles,
+    waiting_troubles,
+)
 from heronry_wire.node_cost import NodeCost
 
 _NS_PER_S = 1_000_000_000
@@ -43,7 +50,7 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     own = _standstills(status["manager"]["standstills"])
     if own:
         yield f"! the computer of this manager{own}"
-    found = (table_troubles, code_troubles, element_troubles, silence_troubles)
+    found = (table_troubles, waiting_troubles, code_troubles, element_troubles, silence_troubles)
     for trouble in (one for troubles in found for one in troubles(status)):
         yield f"! {trouble.says}"
     words = {"operator": "the operator", "module": "a module"}

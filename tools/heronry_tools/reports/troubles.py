@@ -91,6 +91,15 @@ def table_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
         yield Finding("tables", f"{pe} stages nothing: {why}", remedy)
 
 
+def waiting_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield the PEs that wait for a table, and the nodes that the spec does not have."""
+    for pe, says in status.get("tables", {}).items():
+        yield Finding("tables", f"{pe} waits for its table: {says}", "wait for it; if it does not come, see its log")
+    for one in status.get("unknown_nodes", ()):
+        says = f"node {one['node']} is not in the spec: it {one['says']}"
+        yield Finding("nodes", says, f"give it a PE in the spec ({{node_id: {one['node']}, ...}}), or another node-ID")
+
+
 def code_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     """Yield the PEs to which code is on its way, or for which it is lacking, as the manager's loader says."""
     for pe, says in status["code"].items():

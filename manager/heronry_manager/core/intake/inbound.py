@@ -10,6 +10,7 @@
                            it
     heartbeat, SDO answer  of a PE without a table: to `provisioning`, which brings the table; nothing proves either
     SDO request to a PE    (from another SDO client) to `pe_details`, which then reads nothing from that PE for a while
+    node not in the spec   its heartbeats and states: to `unknown_nodes`
     request of any node    to identify the manager (CANaerospace): to `identification`, which answers it
 
 Dropped are extended and remote frames, error frames, frames with any other identifier, and frames that cannot be
@@ -59,7 +60,7 @@ class Inbound:
     ) -> None:
         self._is_advising, self._turn, self._claim = settings.advise, turn, claim
         self._situation, self._authenticity, self._details = known.situation, known.authenticity, known.details
-        self._bringing, self._code = known.bringing, known.code
+        self._bringing, self._code, self._unknown = known.bringing, known.code, known.unknown_nodes
         self._reports, self._reactions, self._succession = reports, reactions, succession
         self._identification = IdentificationService(settings.node)
         pes = settings.spec.pes.values()
@@ -86,6 +87,7 @@ class Inbound:
             or identifier in self._node_of_sdo_request
             or self._bringing.hears(identifier)
             or self._code.hears(identifier)
+            or self._unknown.hears(identifier)
         )
 
     def take(self, frame: Frame) -> None:
@@ -106,6 +108,7 @@ class Inbound:
         else:
             self._bringing.take(frame)
             self._code.take(frame)
+            self._unknown.take(frame)
             self._sdo(frame)
 
     def _sdo(self, frame: Frame) -> None:

@@ -2,6 +2,7 @@
 
     table_bringing   which PE waits; when its table goes out; what follows if the PE does not take it
     code_bringing    which PE lacks code; when a bundle goes out; what follows if the PE does not take it
+    unknown_nodes    which nodes use a node-ID that the spec does not have
     pace             how fast it goes out, so that nothing that runs misses a deadline
 
 *Who may change it.* A heartbeat of a PE that sends no state frames starts a transfer; only an active manager that may
@@ -17,5 +18,6 @@ No decision on what runs depends on anything here. The pages: docs/canopen.md, d
 
 from heronry_manager.core.provisioning.code_bringing import CodeBringing
 from heronry_manager.core.provisioning.table_bringing import TableBringing
+from heronry_manager.core.provisioning.unknown_nodes import UnknownNodes
 
-__all__ = ["CodeBringing", "TableBringing"]
+__all__ = ["CodeBringing", "TableBringing", "UnknownNodes"]

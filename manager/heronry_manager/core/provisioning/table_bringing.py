@@ -150,6 +150,11 @@ class TableBringing:
             self._end()
             self._heard_ns.clear()
 
+    def status(self) -> dict[str, str]:
+        """Return the PEs that wait for a table, each with whether it is on its way, or why it was not taken."""
+        waiting = {pe: self._told.get(pe, "its turn comes") for pe in (*self._told, *self._heard_ns)}
+        return waiting if self._pe is None else waiting | {self._pe: "its table is on its way"}
+
     def has_another_table(self, pe: str) -> None:
         """Note that a PE that runs nothing has another table, so that it is brought its own."""
         self._differs.add(pe)

@@ -38,6 +38,9 @@ and changes none.
     buses           by name: bits_per_s and load, as planned
     other_tables    why a PE stages nothing, and what to do, by the PE's name
     code            code that is on its way to a PE that lacks it, or why it is not, by the PE's name
+    tables          PEs that wait for their table, by name: whether it is on its way, or why it is not taken
+    unknown_nodes   nodes with a node-ID of a PE that the spec does not have: list of node, says (what it does), for_ns
+                    (since it was heard)
     unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
 
 The driver adds:
@@ -78,6 +81,8 @@ def status(
     held: HeldOutputs,
     silences: Silences,
     code: Mapping[str, str],
+    tables: Mapping[str, str],
+    unknown_nodes: list[dict[str, Any]],
 ) -> dict[str, Any]:
     """Build the status document; `manager` and `script` are the values of its keys with these names."""
     current, plan, now = deployment.current, deployment.plan, situation.now()
@@ -116,6 +121,8 @@ def status(
         "buses": {} if plan is None else plan.document()["buses"],
         "other_tables": details.other_tables(),
         "code": dict(code),
+        "tables": dict(tables),
+        "unknown_nodes": unknown_nodes,
         "unwatched": list(_unwatched(spec, plan)),
     }
 

@@ -1,0 +1,62 @@
+"""Nodes that the spec does not have are told, and change nothing; PEs that wait for a table are in the status."""
+
+from heronry_manager import events
+from heronry_manager.core.provisioning.unknown_nodes import FORGOTTEN_NS, IDLE, RUNS, WAITS
+from heronry_tools.reports.status import report
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import heartbeat_id, sdo_request_id, state_id
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
+from manager.one_manager import MS, OneManager
+from manager.test_operator import status
+
+STRANGER = 101
+
+
+def says(manager: OneManager) -> list[tuple[int, str]]:
+    return [(one["node"], one["says"]) for one in status(manager)["unknown_nodes"]]
+
+
+def state(state: PeState, epoch: int = 0) -> Frame:
+    return Frame(state_id(STRANGER), StatePage0(state, PeFlags(0), 1, epoch, 0, 0).encode())
+
+
+def test_a_node_that_is_not_in_the_spec_is_told_once_with_what_it_does() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start()
+    assert manager.core.hears(heartbeat_id(STRANGER))
+    assert manager.core.hears(state_id(STRANGER))
+    for _ in range(3):
+        manager.hear(Frame(heartbeat_id(STRANGER), b"\x7f"))
+        manager.pass_time(1_000 * MS)
+    assert says(manager) == [(STRANGER, WAITS)]
+    manager.hear(Frame(state_id(STRANGER), b""))
+    manager.hear(state(PeState.UNCONFIGURED))
+    manager.hear(Frame(heartbeat_id(STRANGER), b"\x7f"))
+    assert says(manager) == [(STRANGER, IDLE)]
+    manager.hear(state(PeState.ACTIVE, 7))
+    assert [(one.node, one.says) for one in manager.of(events.UnknownNode)] == [
+        (STRANGER, WAITS),
+        (STRANGER, IDLE),
+        (STRANGER, RUNS),
+    ]
+    assert f"! node {STRANGER} is not in the spec: it {RUNS}" in list(report(status(manager)))
+    assert not [one for one in manager.frames if one.can_id == sdo_request_id(STRANGER)]
+    manager.pass_time(FORGOTTEN_NS + 1)
+    assert says(manager) == []
+    manager.hear(state(PeState.ACTIVE, 7))
+    assert len(manager.of(events.UnknownNode)) == 4
+
+
+def test_a_pe_that_waits_for_its_table_is_in_the_status() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start(fly=False)
+    for pe in ("left", "right"):
+        manager.die(pe)
+    manager.pass_time(1_500 * MS)
+    assert status(manager)["tables"] == {}
+    for node in (92, 94):
+        manager.hear(Frame(heartbeat_id(node), b"\x7f"))
+    assert status(manager)["tables"] == {"left": "its table is on its way", "right": "its turn comes"}
+    manager.pass_time(1_100 * MS)
+    assert status(manager)["tables"] == {"left": "it did not answer", "right": "its table is on its way"}
+    assert "! left waits for its table: it did not answer" in list(report(status(manager)))
