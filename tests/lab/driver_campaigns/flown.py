@@ -91,7 +91,11 @@ class Flown:
         held = {f"pe:{one.pe}" for one in self.events[self._cleared :] if isinstance(one, events.PeHeardAgain)}
         elements, self._cleared = self.told_anew() | held, len(self.events)
         for element in elements:
-            call(self.fleet.control_socket(), ClearElement(element))  # refused if it has come back meanwhile
+            self.clear_one(element)  # refused if it has come back meanwhile
+
+    def clear_one(self, element: str) -> str:
+        """Give the operator's order that an element works again; returns what the manager says."""
+        return call(self.fleet.control_socket(), ClearElement(element)).sentence
 
     def lost_without_standstill(self, struck: set[str]) -> list[str]:
         """Return the PEs that were lost, were not struck, and beside whose loss no standstill was told."""

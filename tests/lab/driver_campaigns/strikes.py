@@ -134,8 +134,8 @@ class Strikes:
             return [name for name, before in acts.items() if self._acts(name) <= before]
 
         if not self._until("every device acts again", lambda: not idle()):
-            last = [str(one) for one in self._flight.events[-6:]]
-            self.failures[-1] += "\n  ".join([f", but for {', '.join(idle())}; the last events:", *last])
+            said = [self._flight.clear_one(f"device:{name}") for name in idle()]
+            self.failures[-1] += "\n  ".join([f", but for {', '.join(idle())}; what clearing them says:", *said])
 
     def _ends_as_declared(self, name: str, order: str, since: int, said: int) -> None:
         acts, element = self._acts(name), f"device:{name}"
