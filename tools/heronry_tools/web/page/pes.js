@@ -23,8 +23,8 @@ function card(pe) {
   const extra = [
     `node ${pe.node}`,
     pe.incarnation === null ? null : `boot no. ${pe.incarnation}`,
-    pe.restarts ? `${pe.restarts} module restarts` : null,
-    pe.reboots ? `${pe.reboots} reboots seen` : null,
+    pe.restarts ? `${pe.restarts} module restart${pe.restarts > 1 ? "s" : ""}` : null,
+    pe.reboots ? `${pe.reboots} reboot${pe.reboots > 1 ? "s" : ""} seen` : null,
   ].filter(Boolean);
   return h("li", { class: `card pe ${pe.standing}`, "data-pe": pe.name, "data-standing": pe.standing },
     h("header", {}, badge(pe.standing),

@@ -167,7 +167,7 @@ function edges() {
     return [view.span === null ? recording.first_ns : to - view.span, to];
   }
   const to = view.end ?? at_ns ?? snapshot.t_ns;
-  return [to - (view.span ?? LIVE_SPAN_NS), to];
+  return [Math.max(to - (view.span ?? LIVE_SPAN_NS), Math.min(snapshot.began_ns ?? 0, to - LEAST_SPAN_NS)), to];
 }
 
 function turn(to) {
