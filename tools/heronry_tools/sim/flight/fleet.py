@@ -1,10 +1,14 @@
 """The PEs of one simulated flight: they start, die, restart, are cut off, and may get the table of another spec."""
 
 import hashlib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from functools import partial
+from random import Random
 
 from heronry_agent.core.authority import Secret
+from heronry_agent.core.vocabulary import ModuleEvent
+from heronry_agent.loader.store import Store
 from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.flight.truth import Truth
 from heronry_tools.sim.flight.wiring import Wiring
@@ -12,6 +16,7 @@ from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClocks
 from heronry_tools.sim.world.simulated_blank import SimulatedBlank
+from heronry_tools.sim.world.simulated_loader import CodeDisk, SimulatedLoader
 from heronry_tools.sim.world.simulated_pe import SimulatedPe
 from heronry_wire.authentication import Key
 from heronry_wire.pe_table import PeTable
@@ -36,12 +41,14 @@ class Fleet:
         seed: int,
         key: Key | None,
         absent: Collection[str],
+        has_loaders: bool = False,
     ) -> None:
         """Create the PEs, without starting one.
 
         tables: the table of each PE
         key: the key of managers and PEs; None without authentication
         absent: PEs that only `arrive` starts
+        has_loaders: whether PEs take code over the bus
         """
         self.running: dict[str, SimulatedPe] = {}
         self.blanks: dict[str, SimulatedBlank] = {}  # nodes that wait for their table, by the name of their PE
@@ -56,6 +63,7 @@ class Fleet:
         self._blank: set[str] = set()  # PEs that start without a table
         self._lacking: dict[str, set[str]] = {pe: set() for pe in tables}  # modules whose code is missing
         self._incarnations = dict.fromkeys(tables, 0)
+        self._code_disks = {pe: CodeDisk() for pe in tables} if has_loaders else {}
         for pe in tables:
             truth.failed(f"pe:{pe}")
 
@@ -123,6 +131,7 @@ class Fleet:
             broke=lambda module: self._truth.broke(module, pe),
             witness=self._checks.copied,
             lacks=frozenset(self._lacking[pe]),
+            loader=partial(self._loader, pe) if pe in self._code_disks else None,
         )
 
     def arrive(self, pe: str) -> None:
@@ -148,10 +157,34 @@ class Fleet:
 
     def lacks(self, pe: str, module: str) -> None:
         """Remove the code of a module from a PE."""
+        disk = self._code_disks.get(pe)
+        if disk is not None and Store(disk).state().active is not None:
+            return  # its bundle holds the code of every module
         self._lacking[pe].add(module)
+        self._checks.lacks_code(self._clock.now_ns, pe, module)
         self._truth.lacks(module, pe)
         if pe in self.running:
             self.running[pe].lack(module)
+
+    def waits_for_code(self) -> list[str]:
+        """Return the PEs that run, lack code, and have a loader by which it may come."""
+        return [pe for pe in self._code_disks if pe in self.running and self._lacking[pe]]
+
+    def code_brought(self, pe: str) -> None:
+        """Note that a manager has found the code on a PE, and ends the faults that its lack was."""
+        modules, self._lacking[pe] = self._lacking[pe], set()
+        for module in modules:
+            self._truth.has_code(self._clock.now_ns, module, pe)
+
+    def _loader(self, pe: str, give: Callable[[ModuleEvent], None]) -> SimulatedLoader:
+        """Start the loader of a PE from what its disk has."""
+
+        def came(content: bytes) -> frozenset[str]:
+            self._checks.code_came(self._clock.now_ns, pe, content)
+            return frozenset(entry.image for entry in self.tables[pe].modules if entry.name in self._lacking[pe])
+
+        chance = Random(f"{self._seed} {pe} {self._incarnations[pe]}")
+        return SimulatedLoader(self._clock, self._code_disks[pe], chance, give, came)
 
     def cut(self, pe: str) -> None:
         """Break the wires of a running PE, or of a node that waits in its place; no effect on a dead PE."""

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from heronry_dg.model import Spec
 from heronry_manager import events
+from heronry_manager.core.settings import CodeBundle
 from heronry_tools.sim.faults.protocol_state import ProtocolState
 from heronry_tools.sim.flight.wiring import Wiring
 from heronry_tools.sim.oracles.checks import Checks
@@ -55,6 +56,7 @@ class Managers:
         planners: Planners,
         decide_ns: Callable[[], int],
         brings_tables: bool,
+        bundles: tuple[CodeBundle, ...] = (),
     ) -> None:
         """Create the managers, without starting one.
 
@@ -63,6 +65,7 @@ class Managers:
         key: the key of managers and PEs; None without authentication
         decide_ns: returns the time that the next planning run takes
         brings_tables: whether a manager brings a node without a table its table
+        bundles: code that the managers bring
         """
         self.running: dict[int, SimulatedManager] = {}
         self.events: list[events.Event] = []
@@ -72,6 +75,9 @@ class Managers:
         self._spec, self._clock, self._clocks = spec, clock, clocks
         self._wiring, self._checks = wiring, checks
         self._tables = prepared.contents if brings_tables else None
+        self._bundles = bundles
+        self.code_brought: Callable[[str], None] = lambda _: None
+        """Is called with the name of a PE when a manager has brought it code."""
         self._key, self._prepared, self._planners, self._decide_ns = key, prepared, planners, decide_ns
 
     @property
@@ -118,6 +124,7 @@ class Managers:
             planned=self._checks.planning,
             witness=self._checks.copied,
             tables=self._tables,
+            bundles=self._bundles,
         )
 
     def double(self, node: int, *, standby: bool) -> None:
@@ -155,6 +162,8 @@ class Managers:
 
         While another manager is the active one, keep the event only if its kind is in `_OF_A_STANDBY`.
         """
+        if isinstance(event, events.CodeBrought):
+            self.code_brought(event.pe)
         foremost = self.foremost
         self.see_active_manager()
         if foremost is not None and foremost.core.is_active and foremost is not self.running.get(seat):

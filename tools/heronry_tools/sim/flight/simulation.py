@@ -14,6 +14,7 @@ from random import Random
 from typing import TypeVar
 
 from heronry_dg.model import Foreign, Spec
+from heronry_manager.core.settings import CodeBundle
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.events import Event
 from heronry_tools.aircraft.plant import Failure, Plant, PlantOfDevices
@@ -74,6 +75,7 @@ class Simulation:
         plant: PlantOfDevices | None = None,
         observed: bool = True,
         brings_tables: bool = False,
+        bundles: tuple[CodeBundle, ...] = (),
     ) -> None:
         """Switch on all nodes that are not `absent`, each at a random moment in the first 200 ms.
 
@@ -91,6 +93,7 @@ class Simulation:
         observed: whether the oracles observe the flight; if not, the results of `broken`, `unsettled` and `settle` have
             no meaning
         brings_tables: whether a manager brings a node without a table its table; fault `blank` needs it
+        bundles: code that the managers bring to PEs that lack it; with it every PE has a loader
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
@@ -98,7 +101,10 @@ class Simulation:
         self.clock = Clock()
         self.world: PlantOfDevices = Plant(-aloft_ns) if plant is None else plant
         disks = {node: Disk(spec) for node in MANAGER_NODES}
-        self.checks = Checks(spec, ahead.tables.values(), key, partial(journal, disks), brings_tables=brings_tables)
+        contents = [one.content for one in bundles]
+        self.checks = Checks(
+            spec, ahead.tables.values(), key, partial(journal, disks), brings_tables=brings_tables, bundles=contents
+        )
         if standby:
             self.checks.may_forget_phase()
         self.waivers = Waivers(self.checks.settling_ns)
@@ -118,6 +124,7 @@ class Simulation:
             planners=planners,
             decide_ns=lambda: chance.randint(decide_ns // 2, decide_ns),
             brings_tables=brings_tables,
+            bundles=bundles,
         )
         self.fleet = Fleet(
             self.clock,
@@ -130,7 +137,9 @@ class Simulation:
             seed=seed,
             key=key,
             absent=absent,
+            has_loaders=bool(bundles),
         )
+        self.managers.code_brought = self.fleet.code_brought
         self.operator = Operator(spec, self.clock, self.managers, self.checks, self.truth)
         self.trace: list[Sent] = []
         self._frames = FrameDigest()
@@ -213,6 +222,7 @@ class Simulation:
     def unsettled(self) -> list[Violation]:
         """Return the rules for the end of a flight (`oracles.end_state`) that are violated now."""
         waiting = [Violation(self.now_ns, "table", f"{pe} waits for its table") for pe in self.fleet.blanks]
+        waiting += [Violation(self.now_ns, "code", f"{pe} waits for code") for pe in self.fleet.waits_for_code()]
         return self.checks.unsettled(self.truth.situation, self.now_ns) + waiting
 
     def settle(self) -> list[Violation]:
@@ -232,7 +242,7 @@ class Simulation:
         may still send queued frames, and a PE that returns may still send data of the modules that it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
-        if self.fleet.blanks:
+        if self.fleet.blanks or self.fleet.waits_for_code():
             end_ns += _LONGEST_WAIT_NS
         stays_well_ns = unnoticed_ns(self.spec)
         wires = self.wiring.every_wire()

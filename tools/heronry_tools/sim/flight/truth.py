@@ -51,6 +51,12 @@ class Truth:
         """Record that a PE lacks the code of a module; clearing the module does not end this."""
         self._lacking.add(self._place(module, pe))
 
+    def has_code(self, t_ns: int, module: str, pe: str) -> None:
+        """Record that the code of a module, which a PE lacked, has come, and that a manager ends its fault."""
+        place = self._place(module, pe)
+        self._checks.cleared(t_ns, place, self.situation, everywhere=False)
+        self._lacking.discard(place)
+
     def _place(self, module: str, pe: str) -> str:
         place = f"module:{module}@{pe}"
         return place if place in places(self._spec, module) else f"module:{module}"

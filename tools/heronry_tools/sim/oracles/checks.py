@@ -39,6 +39,7 @@ class Checks:
         read_journal: Read = lambda _: None,
         *,
         brings_tables: bool = False,
+        bundles: Collection[bytes] = (),
     ) -> None:
         """Create the oracles for a flight of this spec.
 
@@ -46,9 +47,10 @@ class Checks:
         key: the key of managers and PEs; None without authentication
         read_journal: returns the bytes of the journal of the manager at a station
         brings_tables: whether the managers bring tables to nodes without one
+        bundles: code that the managers bring
         """
         self._spec = spec
-        self._known = Known(spec, tables, key, read_journal, brings_tables=brings_tables)
+        self._known = Known(spec, tables, key, read_journal, brings_tables=brings_tables, bundles=bundles)
         self._oracles = oracles(self._known)
         self._frames = FrameWatch(self._known, self._oracles)
         self._of_frames = listeners(self._oracles, "seen")
@@ -214,6 +216,16 @@ class Checks:
         """Report to the oracles that a node that waited for the table of a PE has taken this one."""
         if self._known.tables is not None:
             self._known.tables.took(t_ns, pe, table)
+
+    def lacks_code(self, t_ns: int, pe: str, module: str) -> None:
+        """Report to the oracles that a PE lacks the code of a module."""
+        if self._known.code is not None:
+            self._known.code.lacks(t_ns, pe, module)
+
+    def code_came(self, t_ns: int, pe: str, content: bytes) -> None:
+        """Report to the oracles the bundle from which a PE runs now."""
+        if self._known.code is not None:
+            self._known.code.came(t_ns, pe, content)
 
     def wrong(self, t_ns: int, story: str) -> None:
         """Record a violation: a diagnostic client has found that a PE does not behave as a CANopen node must."""

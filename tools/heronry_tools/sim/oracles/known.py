@@ -11,6 +11,7 @@ from heronry_tools.recording.commanded import Commanded
 from heronry_tools.runtime.witness import Witness
 from heronry_tools.sim.oracles.availability import AvailabilityCheck
 from heronry_tools.sim.oracles.blame import BlameCheck
+from heronry_tools.sim.oracles.code import CodeCheck
 from heronry_tools.sim.oracles.epochs import EpochCheck
 from heronry_tools.sim.oracles.journal import Read
 from heronry_tools.sim.oracles.liveness import Losses
@@ -40,6 +41,7 @@ class Known:
         read_journal: Read,
         *,
         brings_tables: bool = False,
+        bundles: Collection[bytes] = (),
     ) -> None:
         """Create the oracles that derive facts.
 
@@ -47,6 +49,7 @@ class Known:
         key: the key of managers and PEs; None without authentication.
         read_journal: returns the bytes of the journal of the manager at a station.
         brings_tables: whether the managers bring tables to nodes without one.
+        bundles: code that the managers bring.
         """
         self.spec, self.key, self.read_journal = spec, key, read_journal
         self.commanded = Commanded(spec, tables)
@@ -65,4 +68,5 @@ class Known:
         self.availability = None if key is None else AvailabilityCheck(spec)
         self.stale = StaleCheck(spec, self.commanded, self.epochs)
         self.planned_load = PlannedLoadCheck(spec)
-        self.tables = TableCheck(spec, {one.name: one for one in tables}) if brings_tables else None
+        self.tables = TableCheck(spec, {one.name: one for one in tables}) if brings_tables or bundles else None
+        self.code = CodeCheck(bundles) if bundles else None

@@ -45,6 +45,7 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
     lambda known: known.planned_load,
     lambda known: known.availability,
     lambda known: known.tables,
+    lambda known: known.code,
     lambda known: None if known.key is None else AuthenticityCheck(known.spec, known.key),
 )
 """Functions that create the oracles; a function returns None where its oracle has nothing to verify in the run."""

@@ -10,6 +10,7 @@ from dataclasses import replace
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.settings import CodeBundle
 from heronry_manager.core.vocabulary import (
     AliveLeft,
     ChannelsLost,
@@ -69,6 +70,7 @@ class SimulatedManager(Node):
         planners: Planners = Planners.BEST,
         reads_objects: bool = False,
         tables: Mapping[str, bytes] | None = None,
+        bundles: tuple[CodeBundle, ...] = (),
     ) -> None:
         """Join the bus on each of its channels, and start the manager.
 
@@ -81,6 +83,7 @@ class SimulatedManager(Node):
         reads_objects: whether the manager reads by SDO the details that PEs store for people, for example why a module
             has failed (`pe_details`)
         tables: the table of each PE as it goes over the bus, for a node without one; None: none is brought
+        bundles: code for PEs that lack it
         """
         super().__init__(clock, time)
         self._tell, self._planned, self._name = tell, planned, name
@@ -103,6 +106,7 @@ class SimulatedManager(Node):
             tells_departures=True,
             reads_objects=reads_objects,
             tables=tables,
+            bundles=bundles,
             compiler=ahead.compiler,
         )
         self.disk = disk

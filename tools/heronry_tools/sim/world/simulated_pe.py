@@ -16,6 +16,7 @@ from heronry_agent.core.authority import Secret
 from heronry_agent.core.vocabulary import (
     Action,
     ChannelsLost,
+    ControlProgram,
     Drive,
     EndPartition,
     Event,
@@ -30,6 +31,7 @@ from heronry_agent.core.vocabulary import (
     StateRestored,
     StateSaved,
     StepModule,
+    WriteProgram,
 )
 from heronry_agent.module import Module
 from heronry_agent.shell.code_digest import code_digest
@@ -45,6 +47,7 @@ from heronry_tools.sim.world.node import VALIDATED_EVERY, Node
 from heronry_tools.sim.world.pe_outbox import PeOutbox
 from heronry_tools.sim.world.plant_view import PlantView
 from heronry_tools.sim.world.replicated_port import Copy
+from heronry_tools.sim.world.simulated_loader import SimulatedLoader
 from heronry_tools.sim.world.steps_seen import Driven, Moved, StateSeen, Withheld
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
@@ -78,6 +81,7 @@ class SimulatedPe(Node):
         broke: Callable[[str], None],
         witness: Callable[[Copy], None],
         lacks: frozenset[str] = frozenset(),
+        loader: Callable[[Callable[[ModuleEvent], None]], SimulatedLoader] | None = None,
     ) -> None:
         """Join the buses of the PE's table, and start the PE.
 
@@ -92,6 +96,7 @@ class SimulatedPe(Node):
         broke: is called with the name of a module that has raised an error or given a value outside its type's range
         witness: is called with every copy of a frame on a replicated bus
         lacks: modules whose code is missing on this PE
+        loader: makes the loader of this PE from the function to which it gives its answers; None: it has none
         """
         super().__init__(clock, time)
         self.name = table.name
@@ -99,10 +104,19 @@ class SimulatedPe(Node):
         devices = {module.device for module in table.modules if module.device is not None}
         self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
         self._images = {module.name: module.image for module in table.modules}
-        missing = dict(self._host.missing_images) | {self._images[module]: _TAKEN_AWAY for module in lacks}
+        self._loader = None if loader is None else loader(self.give)
+        has_code = self._loader is not None and self._loader.program.version > 0
+        taken_away = {} if has_code else {self._images[module]: _TAKEN_AWAY for module in lacks}
+        missing = dict(self._host.missing_images) | taken_away
         has_room = table.echoes_per_s >= MOST_ECHOES_PER_S  # then the simulated plant asks for an echo of every command
         self.core = AgentCore(
-            table, incarnation, time.now_ns(), missing_images=missing, secret=secret, every_echo=has_room
+            table,
+            incarnation,
+            time.now_ns(),
+            missing_images=missing,
+            secret=secret,
+            every_echo=has_room,
+            program=None if self._loader is None else self._loader.program,
         )
         self.steps = ModuleSteps(
             clock,
@@ -141,6 +155,12 @@ class SimulatedPe(Node):
     def lack(self, module: str) -> None:
         """Report to the core that the code of a module is missing on this PE."""
         self.give(ImagesMissing({self._images[module]: _TAKEN_AWAY}))
+
+    def stop(self) -> None:
+        """End the PE, and with it its loader's keeper."""
+        super().stop()
+        if self._loader is not None:
+            self._loader.stop()
 
     def unstick(self) -> None:
         """Complete the steps that hang."""
@@ -263,6 +283,10 @@ class SimulatedPe(Node):
         if type(action) is Drive:
             self._move(Moved(self._clock.now_ns, self.name, self.steps.names[action.module]))
             return self._host.carry_out(action, self.time.now_ns())
+        if isinstance(action, WriteProgram | ControlProgram):
+            if self._loader is not None:
+                self._loader.order(action)
+            return None
         if isinstance(action, MeasureStep):
             return self.steps.measure(action)
         if isinstance(action, Withdraw):
