@@ -41,7 +41,7 @@ from heronry_wire.bundle_transfer import Part, Received, Transfer
 from heronry_wire.canopen_objects import PROGRAM_CONTROL, PROGRAM_STATUS, PROGRAM_TRANSFER, PROGRAM_VERSION
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, sdo_request_id, sdo_response_id
-from heronry_wire.management import Control, FaultCode, Operation
+from heronry_wire.management import Control, Operation
 from heronry_wire.sansio import NEVER_NS, Send
 from heronry_wire.sdo import read_number
 
@@ -167,8 +167,7 @@ class CodeBringing:
 
     def _lacking(self) -> list[LatchedFault]:
         """Return the faults that are lacks of code, the most critical module first."""
-        code = FaultCode.MODULE_MISSING.name
-        found = [one for one in self._situation.failed.all() if one.code == code and one.by in self._node]
+        found = [one for one in self._situation.lacking_code() if one.by in self._node]
         return sorted(found, key=lambda one: (self._ranks[_module(one)], one.element))
 
     def _begin_next(self, *, may_begin: bool) -> None:

@@ -79,6 +79,7 @@ class KnownSituation:
         spec, turn, health = self._spec, self._turn, self._health
         self._mission = MissionPhase(spec)
         self.failed = LatchedFaults(spec)
+        self._lacking: dict[str, LatchedFault] = {}  # by element: the last report that code is missing
         self.links = RadioLinks(spec)
         self.priorities = ChangedPriorities(spec, turn)
         self.channels = LostChannels(spec, turn)
@@ -247,7 +248,14 @@ class KnownSituation:
     def failed_there(self, element: str, pe: str, emergency: Emergency) -> Changes:
         """Latch a fault that a PE reports of an element, or of a module's place on this PE; gives the changes."""
         element = self.failed.where(element, pe, emergency.code)
-        return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
+        fault = LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns)
+        if emergency.code is FaultCode.MODULE_MISSING:
+            self._lacking[element] = fault
+        return self.latch(fault)
+
+    def lacking_code(self) -> list[LatchedFault]:
+        """Return what PEs have reported of missing code, for elements that count as failed, for whatever reason."""
+        return [fault for element, fault in self._lacking.items() if self.failed.code(element) is not None]
 
     def requested(self, pe: str, request: Emergency) -> Changes | None:
         """Decide on a request for a phase or a priority.
@@ -399,6 +407,7 @@ class KnownSituation:
         changes: list[SituationChange] = []
         for fault in faults:
             self._turn.keep(Cleared(fault.element))
+            self._lacking.pop(fault.element, None)
             if kind == "module" and fault.code != OPERATOR_CODE:
                 module, _, pe = fault.element.removeprefix("module:").partition("@")
                 changes.append(ModuleReleased(module, pe or None))
