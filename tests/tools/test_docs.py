@@ -162,6 +162,7 @@ RULES = [
     Rule(r"python -m lab\.(fuzz|attack)\b.*", How.RUN, more="" if IS_WHOLE else "--count 20"),
     Rule(r"python -m lab\.conformance pe_staging|python -m lab\.cut_set_enumeration\b.*", How.RUN),
     Rule(r"python -m lab\.mutation .* --list", How.RUN),
+    Rule(r"python -m lab\.code_flights\b.*", How.RUN, more="--runs 1"),
     Rule(r"python -m lab\.scripts_in_flight\b.*", How.RUN, more="--runs 1 --seconds 1"),
     Rule(r"python -m lab\.conformance\b.*", How.EXEMPT, "test_conformance.py plays them"),
     Rule(r"tools/mutate --seed \d+.*", How.EXEMPT, "for half an hour; test_mutation.py tries it on little"),
