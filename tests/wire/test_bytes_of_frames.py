@@ -52,7 +52,9 @@ OTHER_BYTES = {
     "heronry_tools/sim/faults/forger.py": "a frame that is cut short, whatever it says",
     "heronry_tools/sim/world/inspection/node_services.py": "the value of an object, which SDO carries",
     "heronry_tools/sim/world/inspection/topic.py": "the value of an object, which SDO carries",
+    "heronry_tools/sim/oracles/tables.py": "a request of SDO, which an oracle reads by itself",
     "heronry_tools/sim/world/disk.py": "a file",
+    "heronry_tools/sim/world/simulated_loader.py": "a file",
     "heronry_tools/sim/world/sdo_talk.py": "what a transfer carries",
 }
 
