@@ -5,7 +5,7 @@
     page ─► guard ─► questions ─► process of the planner         what if, why, what an order will cost
                   └► orders ─► operator's socket, or demo        only with --operate and the token
 
-In this diagram `plots` is a package; `live`, `recording`, `changes`, `guard`, `questions` and `orders` are files of this
-package. The page is hand-written HTML, CSS and JavaScript in `page/`, except the library of the charts, `page/uplot/`.
+In this diagram `plots` is a package; `live`, `recording`, `changes`, `guard`, `questions` and `orders` are files of
+this package. The page is hand-written HTML, CSS and JavaScript in `page/`, except the library of the charts, `page/uplot/`.
 Nothing is fetched from another computer. Neither the manager nor an agent imports this package.
 """

@@ -154,7 +154,7 @@ class Site:
         """Answer with the samples of the variables that the query names (`plots`).
 
         Of a live system this is a stream of server-sent events, without an end. Of a recording it is one JSON object,
-        with the samples from `from_ns` to `to_ns` (default: all), and at most `points` in a series.
+        with the samples from `from_ns` to `to_ns` (default: all), and at most `points` in a series (at least 3).
         A request that cannot be answered is refused with status 400.
         """
         try:
@@ -165,7 +165,7 @@ class Site:
             from_ns = round(_number(request, "from_ns", self.shown.begins_ns))
             to_ns = round(_number(request, "to_ns", self.shown.ends_ns))
             points = round(_number(request, "points", _USUAL_POINTS))
-            told = await asyncio.to_thread(self._recorded_plots.told, variables, from_ns, to_ns, max(1, points))
+            told = await asyncio.to_thread(self._recorded_plots.told, variables, from_ns, to_ns, max(3, points))
         except PlotError as error:
             return _refused(400, str(error))
         return JSONResponse(told, headers=_NO_STORE)
