@@ -6,6 +6,6 @@
                   └► orders ─► operator's socket, or demo        only with --operate and the token
 
 In this diagram `plots` is a package; `live`, `recording`, `changes`, `guard`, `questions` and `orders` are files of
-this package. The page is hand-written HTML, CSS and JavaScript in `page/`, except the library of the charts, `page/uplot/`.
+this package. The page is hand-written HTML, CSS and JavaScript in `page/`, except `page/uplot/`, which draws charts.
 Nothing is fetched from another computer. Neither the manager nor an agent imports this package.
 """
