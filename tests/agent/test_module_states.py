@@ -1,6 +1,7 @@
 """What `save` and `restore` of modules may do: they cost the module its state, and nothing else."""
 
 import math
+import re
 import struct
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from agent.modules_with_states import Counts, Gives
 from heronry_agent.core.vocabulary import Failure, KeptState, StateLacking, StateRestored, StateSaved
-from heronry_agent.module import Module
+from heronry_agent.module import Datum, Module
 from heronry_agent.shell.code_digest import code_digest
 from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result
 from heronry_agent.shell.partition import Partition
@@ -173,10 +174,11 @@ def written(folder: Path, name: str, **files: str) -> type[Module]:
 
 
 MAIN = """
-from heronry_agent.module import Module
+from heronry_agent.module import Datum, Module
 from heronry_agent.parts.states import LowPass
 import {name}.helper
 import math
+import re
 class Main({base}):
     pass
 """
@@ -249,3 +251,27 @@ def test_a_partition_saves_and_restores() -> None:
     state = KeptState(SentState.of(3, 9, saved.data, saved.code), 0, NEVER_NS)
     (restored,) = answers_to(Stop(M, keep=False), start._replace(kept=kept_of(state)))
     assert isinstance(restored, StateRestored)
+
+
+# The page
+
+
+def test_the_class_of_the_page_goes_on_where_it_was() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "checkpoints.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    trim = sys.modules["page_trim"] = ModuleType("page_trim")
+    try:
+        exec(code, vars(trim))
+        one = ModuleRunner(lambda: 0)
+        image = Orders("m", "page_trim:Trim", "only", 50_000_000, None)
+        assert one.start(M, image, 0) is None
+        for _ in range(20):
+            result = one.step(M, 0, NEVER_NS, None, {"": ("pitch_angle", Datum(5.0, 1, 0))})
+        assert isinstance(result, Result)
+        saved = one.save(M, 9, 8)
+        assert isinstance(saved, StateSaved)
+        state = KeptState(SentState.of(3, 9, saved.data, saved.code), 0, NEVER_NS)
+        assert one.start(M, image, 0, state) == StateRestored(M, 0)
+        assert one.step(M, 0, NEVER_NS, None, {}) == result
+    finally:
+        del sys.modules["page_trim"]
