@@ -27,7 +27,7 @@ PROGRAM_DATA, PROGRAM_CONTROL, PROGRAM_VERSION, PROGRAM_STATUS = 0x1F50, 0x1F51,
 STATE, SPEC, MASTERSHIP = 0x2000, 0x2001, 0x2002
 MODULE_NAMES, MODULE_INDICES, MODULE_IMAGES, MODULE_STATES, MODULE_MODES = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 MODULE_FAILURES, MODULE_TRACEBACKS = 0x2015, 0x2016
-TABLE, COUNTERS, TIME, COST, CHALLENGE = 0x2020, 0x2021, 0x2022, 0x2023, 0x2024
+TABLE, COUNTERS, TIME, COST, CHALLENGE, OFFER = 0x2020, 0x2021, 0x2022, 0x2023, 0x2024, 0x2025
 PROGRAM_TRANSFER = 0x2030
 
 ERRORS_KEPT = 8
@@ -332,6 +332,7 @@ OBJECTS: tuple[Entry, ...] = (
             "Challenge", _U32, meaning="drawn at each start; the seal of a table covers it. 0: this node has no key"
         ),
     ),
+    _var(OFFER, Variable("Offer", _TEXT, meaning="JSON text, of a node that waits for a table; else empty")),
     Entry(
         PROGRAM_TRANSFER,
         "Program transfer in parts",

@@ -77,6 +77,20 @@ def test_blank_nodes_fly_and_one_is_replaced_in_flight(nodes: Nodes, tmp_path: P
     next_event(manager.stdout, Reconfigured)
 
 
+def test_a_node_that_the_spec_does_not_have_tells_what_it_offers(
+    nodes: Nodes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    agent = nodes.start("heronry_agent", "--simulated", "--node", "101")
+    for _ in range(10):
+        code = main(["adopt", SPEC, "101", *nodes.bus])
+        if not code:
+            break
+    said = capsys.readouterr()
+    assert code == 0, said.err
+    assert "  node_101: {node_id: 101, buses: [can0], cpu: " in said.out
+    assert agent.poll() is None
+
+
 def test_a_pe_is_retired_and_restored(nodes: Nodes, tmp_path: Path) -> None:
     file = tmp_path / "slow.dg.yaml"  # a computer that stands still for some periods loses no PE
     file.write_text(

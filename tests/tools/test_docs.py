@@ -92,7 +92,7 @@ RULES = [
         "test_tutorial.py runs it, on what is written by then; tests/live/test_demo.py flies it",
     ),
     Rule(
-        r".*(heronry (manager|demo|send-table|bundle send)|pe-agent) .*-c can\d.*",
+        r".*(heronry (manager|demo|send-table|adopt|bundle send)|pe-agent) .*-c can\d.*",
         How.HARDWARE,
         "a CAN interface named can0",
     ),

@@ -66,6 +66,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
     "deploy": (
         Command("contingencies", "make the plans for all faults ahead, for the manager"),
         Command("table", "compile the table from which a PE's agent runs"),
+        Command("adopt", "write the lines of the spec for a node that it lacks"),
         Command("send-table", "send a table over the bus to a PE that waits for it"),
         Command("key", "make the key that proves the frames of manager and PEs"),
         Command("bundle", "make code into one signed file, and bring it to a PE"),

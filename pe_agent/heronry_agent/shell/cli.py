@@ -26,6 +26,7 @@ from heronry_agent.shell.devices import PLANT, Devices, open_drivers
 from heronry_agent.shell.driver import AgentDriver, is_abandoned
 from heronry_agent.shell.image_catalogues import why_not_here
 from heronry_agent.shell.incarnation import BootCount
+from heronry_agent.shell.offer import offer
 from heronry_agent.shell.own_node_id import NodeId, OwnNodeId
 from heronry_agent.shell.partition_groups import open_groups
 from heronry_agent.shell.partition_host import PartitionHost
@@ -330,7 +331,7 @@ def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None],
     """Wait until this node receives its table, and return the table; None if the program is stopped before."""
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
-    core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))
+    core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key), offer=offer())
     channels = channel_configs(flags, channels_named(flags), "the bus")
     with closing(open_link(channels, USUAL_HEARTBEAT_NS, USUAL_MISSES)) as link:
         own = OwnNodeId([link], arguments.node, key, listen_ns=_LISTEN_NS, lost_after_ns=_LISTEN_NS)

@@ -106,6 +106,11 @@ def _catalogues() -> _Catalogues:
     return _Catalogues(images, tuple(broken))
 
 
+def catalogue_names() -> list[str]:
+    """Return the names of the images in all installed catalogues, sorted."""
+    return sorted(_catalogues().images)
+
+
 def _not_in_catalogue(name: str) -> str:
     known = _catalogues()
     hint = meant(name, known.images, "write package.module:Class for code of your own")

@@ -52,12 +52,13 @@ _LONGEST_WAIT_S = 0.1  # so that the loop soon notices a signal
 class WaitingCore:
     """The core of a node that waits for its table; `table` is None until it has come."""
 
-    def __init__(self, node: int, bitrate: int, now_ns: int, secret: Secret | None = None) -> None:
+    def __init__(self, node: int, bitrate: int, now_ns: int, secret: Secret | None = None, *, offer: str = "") -> None:
         """Begin to wait for the table; `now_ns` is the time in ns of the first deadline.
 
         node: node-ID of this PE, 92..125; raises TableError for another one.
         bitrate: bit rate of the bus in bit/s.
         secret: the key of the fleet; with a key the node accepts only a sealed table, and only while it is unlocked.
+        offer: what this node offers, for whoever asks (object 2025h).
         """
         self._node = node
         turn, index = Turn(now_ns), TableIndex(_empty_table(node, bitrate))
@@ -74,7 +75,16 @@ class WaitingCore:
         self._authenticity = authenticity
         given = self._given = GivenTable(turn, node)
         parts = Parts(
-            turn, index, 0, followed_manager, active_configuration, modules, lambda: _WAITING, given.take, authenticity
+            turn,
+            index,
+            0,
+            followed_manager,
+            active_configuration,
+            modules,
+            lambda: _WAITING,
+            given.take,
+            authenticity,
+            offer=offer,
         )
         self._turn, self._followed_manager, self._canopen = turn, followed_manager, CanopenNode(parts)
         self._handlers = dict(self._canopen.handlers())

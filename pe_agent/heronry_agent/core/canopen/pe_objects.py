@@ -46,6 +46,7 @@ from heronry_wire.canopen_objects import (
     MODULE_NAMES,
     MODULE_STATES,
     MODULE_TRACEBACKS,
+    OFFER,
     PROGRAM_CONTROL,
     PROGRAM_DATA,
     PROGRAM_STATUS,
@@ -82,6 +83,7 @@ class Parts:
     authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
     cost: returns what this node costs its computer, or None while that is not known.
     programs: the door to the loader; None where this PE has no loader.
+    offer: what a node without a table offers, for `heronry adopt`.
     """
 
     turn: Turn
@@ -95,6 +97,7 @@ class Parts:
     authenticity: Authenticity | None = None
     cost: Callable[[], NodeCost | None] = lambda: None
     programs: Programs | None = None
+    offer: str = ""
 
 
 class PeObjects:
@@ -142,6 +145,7 @@ class PeObjects:
                 (COUNTERS, 5): lambda: self._parts.turn.standstills.last_long_ns // _NS_PER_MS,
                 (COUNTERS, 6): lambda: self._parts.turn.standstills.longest_ns // _NS_PER_MS,
                 (CHALLENGE, 0): self._challenge,
+                (OFFER, 0): lambda: self._parts.offer,
                 (TIME, 1): lambda: self._services.time_stamp,
                 (TIME, 2): lambda: self._services.time_age_ms(self._parts.turn.now_ns),
                 **{(COST, number): partial(self._cost, number) for number in range(1, 5)},
