@@ -43,6 +43,7 @@ INSIDE_A_ROOM_OF_THE_MANAGER = {
     "planning": "requests",
     "provisioning": "table_bringing",
     "reports": "manager_status",
+    "sdo_client": "object_reader",
     "situation": "known_situation",
     "tables": "compilation",
 }
