@@ -33,7 +33,7 @@ from heronry_wire.sdo import UPLOAD, Abort, with_number
 from scenarios.flights import KEY, MS, big_blue, two_tails
 
 LATER, OTHER = Version(PROTOCOL.major, PROTOCOL.minor + 1), Version(PROTOCOL.major + 1, 0)
-NEW_ORDER, NEW_CODE, NEW_OBJECT = Operation(63), 0xFF7E, 0x2030
+NEW_ORDER, NEW_CODE, NEW_OBJECT = Operation(63), 0xFF7E, 0x20FF
 ORDER_EVERY_NS = 200 * MS
 KEYS = pytest.mark.parametrize("key", [None, KEY], ids=["without a key", "with a key"])
 
