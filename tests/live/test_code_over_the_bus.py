@@ -15,7 +15,7 @@ import pytest
 from agent.loader_bundles import signing_key
 from heronry_agent.loader.folder import Folder
 from heronry_agent.loader.store import Store
-from heronry_manager.events import CodeBrought, PeJoined, Reconfigured
+from heronry_manager.events import CodeBrought, PeJoined, Reconfigured, TableBrought
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.bundle import pack
@@ -161,6 +161,24 @@ def test_the_manager_brings_code_that_a_pe_lacks_and_it_runs(nodes: Nodes) -> No
     brought = next_event(manager.stdout, CodeBrought, pe="blank")
     assert (brought.bundle, brought.version) == ("brought", 3)
     next_event(manager.stdout, Reconfigured)
+    nodes.wait("other", "speed 3.0")
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("keyed", [False, True])
+def test_a_node_with_nothing_but_its_node_id_gets_its_table_and_its_code(nodes: Nodes, keyed: bool) -> None:
+    (nodes.folder / "bundles").mkdir()
+    bundle_file(nodes.folder / "bundles", nodes.key, 3)
+    more: list[str] = []
+    if keyed:
+        assert main(["key", str(nodes.folder / "fleet.key")]) == 0
+        more = ["--key", str(nodes.folder / "fleet.key")]
+    code = ["--code-dir", str(nodes.folder / "code"), "--code-key", f"{nodes.key}.pub"]
+    nodes.start("blank", "heronry_agent", "--node", str(NODE), *code, *more)
+    nodes.agent("other", *more)
+    manager = nodes.manager("--bundles", str(nodes.folder / "bundles"), *more)
+    next_event(manager.stdout, TableBrought, pe="blank")
+    next_event(manager.stdout, CodeBrought, pe="blank")
     nodes.wait("other", "speed 3.0")
 
 
