@@ -68,9 +68,9 @@ def lost():
         flying,
         retired,
         lost,
-        lambda: failed("device:servo_left"),
+        pytest.param(lambda: failed("device:servo_left"), marks=pytest.mark.soak),
         lambda: failed("pe:left"),
-        lambda: failed("module:control@left"),
+        pytest.param(lambda: failed("module:control@left"), marks=pytest.mark.soak),
     ],
     ids=["calm", "retired", "lost", "device failed", "PE failed", "place failed"],
 )
