@@ -108,7 +108,7 @@ class Ends:
         if driver not in {one.process for one in writes_of(flight.device(servo))}:
             return  # its process is just being started again, and has not even taken the first safe action
         self._struck.add(pe)
-        agent, said = self._agents[pe], len(flight.log(pe))
+        agent, said = self._agents[pe], flight.logged(pe)
         known = {one.process for one in writes_of(flight.device(servo))}
         begun_ns = time.monotonic_ns()
         match way:
@@ -133,7 +133,7 @@ class Ends:
                 time.sleep(self._random.uniform(0.1, 1.5))
                 self._go_on(driver)
                 flight.look(0.2)
-                if "hangs, and is ended" in flight.log(pe)[said:]:
+                if "hangs, and is ended" in flight.log(pe, said):
                     self._expect_successor(servo, way, known)
             case "sluggish and retired":
                 (flight.device(servo) / "order").write_text(SLUGGISH)
@@ -203,7 +203,7 @@ class Ends:
             self.failures.append(f"{way}: the successor's first write was {successor()[0]}")
 
     def _expect_words(self, way: str, pe: str, said: int, words: str) -> None:
-        if not self._flight.until(f"{way}: '{words}' is told", lambda: words in self._flight.log(pe)[said:]):
+        if not self._flight.until(f"{way}: '{words}' is told", lambda: words in self._flight.log(pe, said)):
             self.failures.append(f"{way}: {words} was not told")
 
     def _expect_one_branch(self, way: str) -> None:

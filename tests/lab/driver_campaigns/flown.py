@@ -46,9 +46,15 @@ class Flown:
                     found[json.loads(words[-2])["device"]] = int(child)
         return found
 
-    def log(self, pe: str) -> str:
-        """Return what an agent has said."""
-        return (self.fleet.folder / f"{pe}.log").read_text(errors="replace")
+    def log(self, pe: str, since: int = 0) -> str:
+        """Return what an agent has said, from a byte of its log on."""
+        with (self.fleet.folder / f"{pe}.log").open("rb") as log:
+            log.seek(since)
+            return log.read().decode(errors="replace")
+
+    def logged(self, pe: str) -> int:
+        """Return the number of bytes in the log of an agent."""
+        return (self.fleet.folder / f"{pe}.log").stat().st_size
 
     def look(self, wait_s: float = 0.02) -> None:
         """Take the events that have come."""

@@ -96,7 +96,7 @@ class Strikes:
 
     def round(self, number: int) -> None:
         """Strike some devices at once, wait until each has ended as declared, and clear what was reported."""
-        since, said = len(self._flight.events), len(self._flight.log("limbs"))
+        since, said = len(self._flight.events), self._flight.logged("limbs")
         struck = {
             name: self._random.choice(_OF_SENSORS if name.startswith("sensor") else _OF_SERVOS)
             for name in self._random.sample(self._names, number)
@@ -151,15 +151,17 @@ class Strikes:
         sentence = f"the driver of device {name} {ENDS[order]}" if order in ENDS else ""
 
         def told() -> bool:
-            is_reported = element in self._flight.told(since)
-            return sentence in self._flight.log("limbs")[said:] if sentence else is_reported
+            if not sentence:
+                return element in self._flight.told(since)
+            self._flight.clear()  # a standstill may have had it reported before it was struck
+            return sentence in self._flight.log("limbs", said)
 
         if self._until(f"{order} of {name} is told", told):
-            given_up = f"device {name}" in self._flight.log("limbs")[said:] and "it is given up" in self._of(name, said)
+            given_up = f"device {name}" in self._flight.log("limbs", said) and "it is given up" in self._of(name, said)
             self.became[f"{order}: {'given up' if given_up else 'started again' if sentence else 'reported'}"] += 1
 
     def _of(self, name: str, said: int) -> str:
-        return "\n".join(line for line in self._flight.log("limbs")[said:].splitlines() if f"device {name} " in line)
+        return "\n".join(line for line in self._flight.log("limbs", said).splitlines() if f"device {name} " in line)
 
     def _acts(self, name: str) -> int:
         file: Path = self._flight.device(name) / ("reads" if name.startswith("sensor") else "writes")
