@@ -157,7 +157,7 @@ class Strikes:
             return sentence in self._flight.log("limbs", said)
 
         if self._until(f"{order} of {name} is told", told):
-            given_up = f"device {name}" in self._flight.log("limbs", said) and "it is given up" in self._of(name, said)
+            given_up = "it is given up" in self._of(name, said)
             self.became[f"{order}: {'given up' if given_up else 'started again' if sentence else 'reported'}"] += 1
 
     def _of(self, name: str, said: int) -> str:
