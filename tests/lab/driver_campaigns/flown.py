@@ -19,6 +19,7 @@ from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 PATIENCE_S = 60.0
 HEARTBEAT_MS = 100
 TESTS = Path(__file__).resolve().parents[2]
+_CLEARS_S = 0.2
 _BESIDE_NS = 3_000_000_000  # a standstill is told when it is over, and a loss after three heartbeats
 _HARDWARE = "lab.driver_campaigns.hardware"
 
@@ -29,6 +30,7 @@ class Flown:
     def __init__(self, fleet: Fleet, stream: EventStream, folder: Path) -> None:
         self.fleet, self._stream, self._folder = fleet, stream, folder
         self.events: list[events.Event] = []
+        self._clears_s = 0.0  # when `clear` may have an effect again
         self._cleared = 0  # number of the first event whose fault has not been cleared
         self._begun_s, self._told = time.monotonic(), 0  # the latter: failures that `progress` has printed
 
@@ -92,8 +94,12 @@ class Flown:
     def clear(self) -> None:
         """Give the operator's order that whatever was reported, or is held down, works again.
 
-        It may be reported once more. A PE that is lost again and again is held down for longer each time.
+        It may be reported once more. A PE that is lost again and again is held down for longer each time. Between two
+        calls that have an effect is a moment: each order makes a new epoch, in which what does not work is reported.
         """
+        if time.monotonic() < self._clears_s:
+            return
+        self._clears_s = time.monotonic() + _CLEARS_S
         held = {f"pe:{one.pe}" for one in self.events[self._cleared :] if isinstance(one, events.PeHeardAgain)}
         elements, self._cleared = self.told_anew() | held, len(self.events)
         for element in elements:
