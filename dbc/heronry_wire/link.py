@@ -203,7 +203,7 @@ class Link:
     @property
     def is_patient(self) -> bool:
         """Tell whether frames may have come that wake nobody."""
-        return self._patient_port is not None
+        return self._patient_port is not None and bool(self._patient)
 
     def accept(self, identifiers: Collection[int], patient: frozenset[int] = frozenset()) -> None:
         """From now on receive only frames with these 11-bit identifiers.
@@ -423,6 +423,7 @@ class Link:
     def _count_overruns(self, now_ns: int) -> None:
         """Count the received frames for which SocketCAN had no room since the last call."""
         dropped = 0 if self._bus is None else frames_dropped(self._bus)
+        dropped += 0 if self._patient_port is None else self._patient_port.dropped
         self.health.overrun(dropped - self._overruns, now_ns)
         self._overruns = dropped
 

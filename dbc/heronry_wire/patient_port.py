@@ -19,6 +19,7 @@ from typing import Any
 from heronry_wire.bare_can import can
 from heronry_wire.bus_opening import open_bus
 from heronry_wire.frame_port import Arrival, port_of
+from heronry_wire.python_can import frames_dropped
 
 PATIENCE_NS = 20_000_000
 _NONE: can.typechecking.CanFilters = [
@@ -48,6 +49,11 @@ class PatientPort:
             {"can_id": one, "can_mask": 0x7FF, "extended": False} for one in sorted(identifiers)
         ]
         self._bus.set_filters(exact or _NONE)
+
+    @property
+    def dropped(self) -> int:
+        """How many frames this opening has lost, since nobody read them in time."""
+        return frames_dropped(self._bus)
 
     def read(self, now_ns: int, most: int) -> tuple[list[Arrival], bool]:
         """Read frames as `FramePort.read` does; error frames, which the node's bus reports, are left out."""

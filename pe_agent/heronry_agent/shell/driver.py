@@ -25,11 +25,12 @@ node has this node-ID (`own_node_id`), the PE stays silent and goes on listening
 
 *Haste.* While nothing is urgent, the loop does not hurry: frames may take a moment on a software bus (`link`), which
 gathers them; on other buses the loop itself sleeps on for GATHER_NS when a frame has woken it, and reads what has come
-by then. So several frames cost one turn. A PE with several buses, which may be a gateway, never sleeps on. The data
-that its modules read wake a PE with one bus not at all (`patient_port`): it reads them in each turn, and so before each
-step of a module. A manager's
+by then. So several frames cost one turn. A PE with several buses, which may be a gateway, never sleeps on. A manager's
 PING, PREPARE, SLICE or ACTIVATE, and a fault that this PE reports, are urgent, and so is the time after them. Of its
 neighbours' states the PE receives what is new, and enough to know that it hears anybody (`thinning`).
+
+*Patience.* The data that its modules read do not wake a PE with one bus (`patient_port`): it reads them in each turn,
+and so before each step of a module.
 
 In one turn a limited number of frames is read, more than the buffer of a socket holds: a flood of frames delays the
 state frames, but does not stop them.
@@ -106,7 +107,7 @@ class AgentDriver:
         self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as last handed to the core
         self._accepted: Collection[int] = ()  # identifiers that the links now receive
         self._haste, self._may_gather = Haste(table), len(links) == 1
-        self._patient_link: Link | None = None  # whose data do not wake this loop
+        self._patient_links: tuple[Link, ...] = ()  # those whose data do not wake this loop
         self._until_eof = False
         self._lateness: LatenessMeter
         self._cost = meter
@@ -138,7 +139,7 @@ class AgentDriver:
                 link_ns = link.next_deadline_ns()
                 due_ns = due_ns if link_ns is None else min(due_ns, link_ns)
             now_ns = time.monotonic_ns()
-            if self._patient_link is not None:
+            if any(link.is_patient for link in self._patient_links):
                 due_ns = min(due_ns, now_ns + PATIENCE_NS)
             self._lateness.waits(core_due_ns, now_ns)
             self._cost.waits(now_ns)
@@ -183,7 +184,7 @@ class AgentDriver:
             uplink.thin(needed_states(self._table))
             if self._may_gather:
                 uplink.be_patient()
-                self._patient_link = uplink
+                self._patient_links = (uplink,)
 
     def _let_frames_gather(self, ready: Sequence[object], due_ns: int) -> None:
         """Sleep on for a moment, if a frame has woken this loop, nothing is urgent, and the bus itself does not gather.
@@ -262,13 +263,13 @@ class AgentDriver:
                 link.accept(identifiers, self.core.patient_identifiers)
 
     def _take_frames(self, ready: Collection[object]) -> None:
-        patient = self._patient_link
-        if not ready and patient is None:
+        patient = [link for link in self._patient_links if link.is_patient]
+        if not ready and not patient:
             return
         links = [
             (port, link)
             for port, link in enumerate(self._links)
-            if (link is patient and link.is_open) or any(one in ready for one in link.readers)
+            if link in patient or any(one in ready for one in link.readers)
         ]
         if not links:
             return
