@@ -180,6 +180,7 @@ class CheckpointEntry:
     max_age_ns: int
     late_ns: int | None  # most from `save` until the last frame arrives here; None: it has no bound
     towards: tuple[tuple[int, ...], ...]  # by port: node-IDs of the module's possible PEs that are reached through it
+    waits_ns: tuple[int, ...]  # by port: how long a frame may wait for its bus, before it is dropped as late
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,9 +382,10 @@ def _checkpoint_faults(table: PeTable) -> Iterator[str]:
             yield f"{subject} is of no module of module_names"
         if not 0 <= one.number < MOST_CHECKPOINTS or not 0 < one.data_bytes <= MOST_STATE_BYTES:
             yield f"{subject} has number {one.number} and {one.data_bytes} bytes, which do not fit into its frames"
-        if min(one.period_ns, one.gap_ns, one.max_age_ns) <= 0 or (one.late_ns or 0) < 0:
+        if min(one.period_ns, one.gap_ns, one.max_age_ns) <= 0 or min(one.late_ns or 0, *one.waits_ns, 0) < 0:
             yield f"{subject} has a time that is not above 0"
-        if len(one.towards) != len(table.ports) or any(node not in PE_NODES for way in one.towards for node in way):
+        nodes = {node for way in one.towards for node in way}
+        if {len(one.towards), len(one.waits_ns)} != {len(table.ports)} or not nodes.issubset(PE_NODES):
             yield f"{subject} goes to ports or nodes that do not exist"
     if len({one.number for one in table.checkpoints}) != len(table.checkpoints):
         yield "two checkpoints have the same number"

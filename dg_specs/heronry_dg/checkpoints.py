@@ -13,6 +13,9 @@ from `save` to the arrival of the last frame is bounded for every legal configur
   at least `(1 - max_load) x t` bits beyond what regular messages need, apart from one frame of each of them that waits
   at the beginning, and from the rounds of the checkpoints. When these bits are sent, the last frame has arrived.
 
+A PE and a gateway drop a frame whose transmission has not begun by then (`wait_ns`). So the bound also holds on an
+overloaded bus: there no round becomes whole.
+
 On a route over several buses the second part counts for each bus. A state does not cross a radio.
 """
 
@@ -116,6 +119,12 @@ def late_ns(spec: Spec, checkpoint: Checkpoint, route: Iterable[str]) -> int | N
             return None
         total += busy_ns
     return total
+
+
+def wait_ns(spec: Spec, bus: Bus) -> int:
+    """Return how long a frame of a checkpoint may wait for a bus; 0: there is no bound."""
+    backlog_ns = _backlog_ns(spec, bus)
+    return 0 if backlog_ns is None else backlog_ns - ceil(Fraction(WORST_BLOCKING_BITS * _NS_PER_S, bus.bitrate))
 
 
 def _backlog_ns(spec: Spec, bus: Bus) -> int | None:

@@ -43,8 +43,8 @@ from heronry_wire.pe_table import CheckpointEntry
 from heronry_wire.sansio import Received, Send, Tick
 
 CODE = b"8 bytes."
-PERIOD_NS, GAP_NS, LATE_NS, MAX_AGE_NS = 200 * MS, MS, 7 * MS, 500 * MS
-KEPT = CheckpointEntry(CONTROL, 4, 24, PERIOD_NS, GAP_NS, MAX_AGE_NS, LATE_NS, ((NEIGHBOUR, FAR),))
+PERIOD_NS, GAP_NS, LATE_NS, MAX_AGE_NS, WAIT_NS = 200 * MS, MS, 7 * MS, 500 * MS, 3 * MS
+KEPT = CheckpointEntry(CONTROL, 4, 24, PERIOD_NS, GAP_NS, MAX_AGE_NS, LATE_NS, ((NEIGHBOUR, FAR),), (WAIT_NS,))
 STATES = replace(TABLE, checkpoints=(KEPT,))
 CONTROLLING = Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR})
 MONITORING = Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR})
@@ -119,9 +119,8 @@ def test_the_frames_of_a_state_are_sent_one_by_one() -> None:
         frames += [(pe.now_ns - begun_ns, frame) for frame in sent(pe.give(Tick()), OWN)]
         pe.now_ns += GAP_NS
     assert frames == [(place * MS, frame) for place, frame in enumerate(state.frames(NODE))]
-    last = [action for _, action in pe.done if isinstance(action, Send) and action.frame.can_id == OWN][-1]
-    assert last.until_ns is not None
-    assert last.until_ns <= begun_ns + 4 * MS + 2 * BEAT_NS
+    until = [action.until_ns for _, action in pe.done if isinstance(action, Send) and action.frame.can_id == OWN]
+    assert until == [begun_ns + place * MS + WAIT_NS for place in range(5)]
 
 
 def test_the_next_state_cuts_off_the_frames_of_the_last_one() -> None:
@@ -259,6 +258,15 @@ def test_a_state_counts_from_its_arrival_even_after_a_pause() -> None:
     assert kept.since_ns == pe.now_ns - 100 * MS - LATE_NS
 
 
+def test_a_round_that_lasts_longer_than_it_may_is_not_whole() -> None:
+    pe = OnePe(STATES)
+    first, second = heard_state(1, b"state")
+    pe.hear(first)
+    pe.pass_time(LATE_NS + 1)
+    pe.hear(second)
+    assert starts(pe.configure(CONTROLLING, 7)) == [Lack.NO_STATE]
+
+
 @pytest.mark.parametrize(("late_ns", "is_too_old"), [(0, False), (1, True)])
 def test_a_state_that_is_too_old_is_not_used(late_ns: int, is_too_old: bool) -> None:
     pe = OnePe(STATES)
@@ -335,7 +343,14 @@ def test_an_alive_that_names_the_same_pes_changes_nothing() -> None:
 
 
 WIRED = tuple(replace(port, wireless=False) for port in GATEWAY_TABLE.ports)
-BOTH_SIDES = replace(KEPT, towards=((NEIGHBOUR,), (FAR,)))
+BOTH_SIDES = replace(KEPT, towards=((NEIGHBOUR,), (FAR,)), waits_ns=(WAIT_NS, 2 * WAIT_NS))
+
+
+def test_a_gateway_that_was_paused_forwards_no_old_frame() -> None:
+    pe = OnePe(replace(GATEWAY_TABLE, ports=WIRED, checkpoints=(BOTH_SIDES,)))
+    pe.command(Alive(1, 2, frozenset({NODE, NEIGHBOUR, FAR})))
+    (sends,) = [a for a in pe.give(Received(0, heard_state(1, b"state")[0], 900 * MS)) if isinstance(a, Send)]
+    assert sends.until_ns == pe.now_ns - 900 * MS + 2 * WAIT_NS
 
 
 def forwarded(pe: OnePe, port: int, frame: Frame) -> list[tuple[int, Frame]]:

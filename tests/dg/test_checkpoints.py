@@ -7,7 +7,7 @@ import pytest
 from heronry_dg.bus_schedule import bus_schedules
 from heronry_dg.check.assess import assess
 from heronry_dg.check.wire import check
-from heronry_dg.checkpoints import carriers, frames_mbit_per_s, gap_ns, late_ns, loads_mbit_per_s, numbers
+from heronry_dg.checkpoints import carriers, frames_mbit_per_s, gap_ns, late_ns, loads_mbit_per_s, numbers, wait_ns
 from heronry_dg.configuration import Configuration, Running
 from heronry_dg.loader import loads
 from heronry_dg.losses import receivers
@@ -92,6 +92,8 @@ def test_a_round_never_lasts_longer_than_a_period() -> None:
     assert late_ns(SPEC, short, ("near",)) == 3_000_000 + waits_ns
     assert late_ns(SPEC, short, ("near", "far")) == 3_000_000 + 2 * waits_ns
     assert late_ns(SPEC, short, ()) == 3_000_000
+    assert wait_ns(SPEC, SPEC.buses["near"]) == waits_ns - 135 * 10**9 // 100_000
+    assert wait_ns(SPEC, SPEC.buses["air"]) == 0
     assert late_ns(SPEC, long, ()) == 255 * (200_000_000 // 256)
 
 

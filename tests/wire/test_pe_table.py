@@ -227,7 +227,7 @@ def test_a_port_that_cannot_be_is_refused(key: str, value: int, says: str) -> No
 
 CHECKPOINT = {
     "module": 0, "number": 3, "data_bytes": 24, "period_ns": 10, "gap_ns": 1, "max_age_ns": 5, "late_ns": None,
-    "towards": [[93]],
+    "towards": [[93]], "waits_ns": [7],
 }  # fmt: skip
 
 
@@ -251,6 +251,8 @@ def test_checkpoints_are_told_only_where_there_are_any() -> None:
         ({"gap_ns": 0}, "has a time that is not above 0"),
         ({"max_age_ns": 0}, "has a time that is not above 0"),
         ({"late_ns": -1}, "has a time that is not above 0"),
+        ({"waits_ns": [-1]}, "has a time that is not above 0"),
+        ({"waits_ns": []}, "goes to ports or nodes that do not exist"),
         ({"towards": []}, "goes to ports or nodes that do not exist"),
         ({"towards": [[91]]}, "goes to ports or nodes that do not exist"),
     ],

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
-from heronry_dg.checkpoints import gap_ns, late_ns, numbers, period_ns
+from heronry_dg.checkpoints import gap_ns, late_ns, numbers, period_ns, wait_ns
 from heronry_dg.configuration import Configuration
 from heronry_dg.echo_rates import EchoRates
 from heronry_dg.expendable import expendable
@@ -239,6 +239,7 @@ class Compiler:
                 max_age_ns=checkpoint.max_age_ns,
                 late_ns=None if None in late else max((one for one in late if one is not None), default=0),
                 towards=towards,
+                waits_ns=tuple(wait_ns(spec, spec.buses[bus]) for bus in own.buses),
             )
 
     def _are_wired(self, way: tuple[str, ...]) -> bool:

@@ -16,8 +16,10 @@ fails again before it has saved another one, it starts without. So a state that 
 
     lost       A lost frame costs its round (`checkpoint_frames`): the state before it stays, and gets older
     late       The age of a state counts from its arrival, plus the longest time that its last frame may have taken. A
-               round that is not sent when the next state is saved is cut off. A frame waits for at most one period, and
-               not beyond the authorization of this PE's identifiers: a PE that may have been replaced sends no states
+               frame that waits longer for its bus than this time allows is dropped, here and at gateways, and a round
+               that lasts longer is never whole. So no delay makes a state look young. A round that is not sent when the
+               next state is saved is cut off. No frame is sent beyond the authorization of this PE's identifiers: a PE
+               that may have been replaced sends no states
     doubled    A copy of a frame has no effect
     forged     A forged state is taken as a true one if its CRC is right: checkpoints are data, and have no tag. A PE
                that runs the module takes no state of it

@@ -18,6 +18,7 @@ from heronry_agent.core.vocabulary import (
     StateSaved,
 )
 from heronry_wire.checkpoint_frames import Lack, SentState
+from heronry_wire.failure_text import plain_reason
 from heronry_wire.identifiers import FIRST_PE, Command, checkpoint_id
 from heronry_wire.management import Alive, FaultCode, decode_command, without_sequence
 from heronry_wire.sansio import NEVER_NS, Received, Send
@@ -119,7 +120,8 @@ class Checkpoints:
 
     def _lacking(self, event: StateLacking) -> None:
         """Report that a module has started without its state, or that its state cannot be saved."""
-        name, reason = self._index.modules[event.module].name, f": {event.reason}" if event.reason else ""
+        name = self._index.modules[event.module].name
+        reason = f": {plain_reason(event.reason)}" if event.reason else ""
         if not event.lack.is_of_save:
             self._tell(event.module, FaultCode.STATE_LACKING, event.lack)
             self._turn.note("checkpoint", f"module {name} starts without its state ({event.lack.name}){reason}")
@@ -141,7 +143,8 @@ class Checkpoints:
         if not self._keeping.heard(node, event.port, frame.data, turn.arrived_ns, runs=self._senders.keys()):
             turn.count("foreign or malformed checkpoint", frame.can_id)
             return
-        turn.do(*(Send(port, frame) for port in self._keeping.ways_on(frame.data, event.port, self._alive)))
+        ways = self._keeping.ways_on(frame.data, event.port, self._alive)
+        turn.do(*(Send(port, frame, turn.arrived_ns + wait_ns) for port, wait_ns in ways))
 
     def tick(self) -> None:
         """Hand over the frames that are due, and repeat the reports that are due."""
@@ -160,8 +163,9 @@ class Checkpoints:
             self._turn.count("checkpoint held", sender.entry.module)
             return
         frame = sender.next_frame(now_ns)
-        until_ns = min(until_ns, now_ns + sender.entry.period_ns)
-        self._turn.do(*(Send(port, frame, until_ns) for port in sender.ports(self._alive)))
+        waits_ns = sender.entry.waits_ns
+        ports = sender.ports(self._alive)
+        self._turn.do(*(Send(port, frame, min(until_ns, now_ns + waits_ns[port])) for port in ports))
 
     def _tell(self, module: int, code: FaultCode, detail: int, *, once: bool = False) -> None:
         self._reports.add(module, code, detail, self._turn.now_ns, once=once)

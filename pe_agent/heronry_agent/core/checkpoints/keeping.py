@@ -37,7 +37,7 @@ class Keeping:
         key = entry.number, node
         assembly = self._assemblies.get(key)
         if assembly is None:
-            assembly = self._assemblies[key] = Assembly(entry.max_age_ns)
+            assembly = self._assemblies[key] = Assembly(entry.late_ns)
         state = assembly.take(payload, arrived_ns)
         if state is not None:
             self.keep(entry, state, arrived_ns - entry.late_ns)
@@ -51,11 +51,14 @@ class Keeping:
         """Return the state of a module, and forget it; None: there is none."""
         return self._kept.pop(module, None)
 
-    def ways_on(self, payload: bytes, port: int, alive: frozenset[int]) -> Iterator[int]:
+    def ways_on(self, payload: bytes, port: int, alive: frozenset[int]) -> Iterator[tuple[int, int]]:
         """Yield the ports to which a gateway forwards a frame that `heard` has taken from `port`.
+
+        Each is given with the time in ns for which the frame may wait there.
 
         alive: node-IDs of the PEs on which the manager counts.
         """
-        for to, nodes in enumerate(self._entries[number_of(payload)].towards):
+        entry = self._entries[number_of(payload)]
+        for to, nodes in enumerate(entry.towards):
             if to != port and not alive.isdisjoint(nodes):
-                yield to
+                yield to, entry.waits_ns[to]
