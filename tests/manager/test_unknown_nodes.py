@@ -60,3 +60,5 @@ def test_a_pe_that_waits_for_its_table_is_in_the_status() -> None:
     manager.pass_time(1_100 * MS)
     assert status(manager)["tables"] == {"left": "it did not answer", "right": "its table is on its way"}
     assert "! left waits for its table: it did not answer" in list(report(status(manager)))
+    manager.pass_time(10_000 * MS)  # neither is heard again
+    assert status(manager)["tables"] == {}

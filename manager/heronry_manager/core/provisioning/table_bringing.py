@@ -152,7 +152,9 @@ class TableBringing:
 
     def status(self) -> dict[str, str]:
         """Return the PEs that wait for a table, each with whether it is on its way, or why it was not taken."""
-        waiting = {pe: self._told.get(pe, "its turn comes") for pe in (*self._told, *self._heard_ns)}
+        gone_ns = self._turn.now_ns - FORGOTTEN_NS
+        paused = [pe for pe in self._told if self._not_before_ns.get(pe, 0) > gone_ns]
+        waiting = {pe: self._told.get(pe, "its turn comes") for pe in (*paused, *self._heard_ns)}
         return waiting if self._pe is None else waiting | {self._pe: "its table is on its way"}
 
     def has_another_table(self, pe: str) -> None:
