@@ -5,7 +5,6 @@ On a software bus, and on SocketCAN where there is a vcan0.
 
 import os
 import signal
-import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ import pytest
 
 from agent.one_pe import BEAT_NS, CONTROL, DEMAND_ID, FLYING, NEIGHBOUR, NODE, TABLE, neighbour_state, slice_messages
 from heronry_tools.runtime.softbus.starter import start_hub
+from heronry_wire.canaerospace import Datum, decode_data
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_MANAGER, actuator_echo_id, emcy_id, heartbeat_id, state_id
@@ -178,6 +178,14 @@ def lives(process: int) -> bool:
     return state != "Z"
 
 
+def steps_of(frame: Frame) -> float:
+    """What a misbehaving module gives: the number of its steps."""
+    datum = decode_data(frame)
+    assert isinstance(datum, Datum)
+    assert isinstance(datum.value, float)
+    return datum.value
+
+
 @pytest.mark.parametrize("ground", [_SOFTBUS], indirect=True)
 def test_what_a_module_has_forked_ends_when_the_agent_is_killed(ground: Ground) -> None:
     forks = "live.modules_that_misbehave:Forks"
@@ -187,7 +195,7 @@ def test_what_a_module_has_forked_ends_when_the_agent_is_killed(ground: Ground) 
     agent = ground.start()
     ground.hear_page_0()
     ground.configure(table)
-    ground.hear(lambda frame: frame.can_id == DEMAND_ID and struct.unpack(">f", frame.data[4:])[0] >= THIRD)
+    ground.hear(lambda frame: frame.can_id == DEMAND_ID and steps_of(frame) >= THIRD)
     forked = descendants(agent.pid)
     parents = {one for one in forked if descendants(one)}
     assert len(parents) == 1, "one partition has a child"
