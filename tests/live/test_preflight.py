@@ -77,11 +77,14 @@ class Aircraft:
         return code, told["findings"]
 
     def wrong(self, *options: str, until: Callable[[dict[str, str]], bool]) -> dict[str, str]:
-        """What is wrong, by check, as soon as it is what is awaited."""
+        """What is wrong, by check, as soon as it is what is awaited; several sentences of a check as one text."""
         end_s = time.monotonic() + PATIENCE_S
         while True:
             code, findings = self.preflight(*options)
-            wrong = {one["check"]: one["says"] for one in findings if not one["ok"]}
+            wrong: dict[str, str] = {}
+            for one in findings:
+                if not one["ok"]:
+                    wrong[one["check"]] = "; ".join(filter(None, (wrong.get(one["check"]), one["says"])))
             if until(wrong):
                 assert code == 1
                 assert all(one["type"] for one in findings if not one["ok"])
