@@ -140,14 +140,18 @@ def test_a_small_aircraft_goes_and_does_not_without_its_ground_station() -> None
 
 @pytest.fixture(scope="module")
 def big_blue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Aircraft]:
-    """big_blue with a pitot tube that can be blocked, or fail once, on its balloon."""
+    """big_blue with a pitot tube that can be blocked, or fail once, and a bus that a slow computer can fill, too."""
     folder = tmp_path_factory.mktemp("big_blue")
     (folder / "spoilt_pitot.py").write_text(SPOILT_PITOT)
     text = Path("dg_specs/big_blue.dg.yaml").read_text()
-    spoilt = text.replace("pitot_driver: {device: pitot,", "pitot_driver: {device: pitot, image: 'spoilt_pitot:Pitot',")
-    assert spoilt != text
+    for before, after in (
+        ("pitot_driver: {device: pitot,", "pitot_driver: {device: pitot, image: 'spoilt_pitot:Pitot',"),
+        ("{bitrate: 1000000, max_load: 0.8,", "{bitrate: 1000000, max_load: 0.3,"),
+    ):
+        assert text.count(before) == 1
+        text = text.replace(before, after)
     file = folder / "big_blue.dg.yaml"
-    file.write_text(spoilt)
+    file.write_text(text)
     os.environ["PYTHONPATH"] = str(folder)
     try:
         with flying(file, contingencies_of(load(file), Ahead.SINGLE_FAULTS)) as aircraft:
@@ -252,17 +256,16 @@ def late_states(aircraft: Aircraft) -> Iterator[None]:
 
 
 def flooded(aircraft: Aircraft) -> Iterator[None]:
-    """A stranger that fills the manager's bus with frames of the lowest priority."""
+    """A stranger that takes much of the manager's bus, with frames of the lowest priority."""
     place = aircraft.buses[aircraft.spec.manager.bus].channel
 
     def flood(ended: threading.Event) -> None:
         message = can.Message(arbitration_id=2031, data=bytes(8), is_extended_id=False)
         with can.Bus(interface="softbus", channel=place) as bus:
-            while not ended.is_set():
-                try:
-                    bus.send(message)
-                except can.CanError:
-                    time.sleep(0.001)
+            while not ended.wait(0.005):
+                with suppress(can.CanError):
+                    for _ in range(40):
+                        bus.send(message)
 
     return in_thread(flood)
 
