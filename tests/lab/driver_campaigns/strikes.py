@@ -134,8 +134,7 @@ class Strikes:
             return [name for name, before in acts.items() if self._acts(name) <= before]
 
         if not self._until("every device acts again", lambda: not idle()):
-            said = [self._flight.clear_one(f"device:{name}") for name in idle()]
-            self.failures[-1] += "\n  ".join([f", but for {', '.join(idle())}; what clearing them says:", *said])
+            self._tell_why(*idle())
 
     def _ends_as_declared(self, name: str, order: str, since: int, said: int) -> None:
         acts, element = self._acts(name), f"device:{name}"
@@ -159,6 +158,15 @@ class Strikes:
         if self._until(f"{order} of {name} is told", told):
             given_up = "it is given up" in self._of(name, said)
             self.became[f"{order}: {'given up' if given_up else 'started again' if sentence else 'reported'}"] += 1
+
+        else:
+            self._tell_why(name)
+
+    def _tell_why(self, *names: str) -> None:
+        """Add to the last failure what the manager thinks of devices: if it clears one, that counted as failed."""
+        said = [self._flight.clear_one(f"device:{name}") for name in names]
+        last = [str(one)[:200] for one in self._flight.events if any(f"'device:{name}'" in str(one) for name in names)]
+        self.failures[-1] += "\n  ".join([f": {', '.join(names)}; clearing them:", *said, *last[-6:]])
 
     def _of(self, name: str, said: int) -> str:
         return "\n".join(line for line in self._flight.log("limbs", said).splitlines() if f"device {name} " in line)
