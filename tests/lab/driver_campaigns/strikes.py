@@ -165,8 +165,8 @@ class Strikes:
     def _tell_why(self, *names: str) -> None:
         """Add to the last failure what the manager thinks of devices: if it clears one, that counted as failed."""
         said = [self._flight.clear_one(f"device:{name}") for name in names]
-        last = [str(one)[:200] for one in self._flight.events if any(f"'device:{name}'" in str(one) for name in names)]
-        self.failures[-1] += "\n  ".join([f": {', '.join(names)}; clearing them:", *said, *last[-6:]])
+        logged = [line for name in names for line in self._of(name, 0).splitlines()[-6:]]
+        self.failures[-1] += "\n  ".join([f": {', '.join(names)}; clearing them:", *said, "logged:", *logged])
 
     def _of(self, name: str, said: int) -> str:
         return "\n".join(line for line in self._flight.log("limbs", said).splitlines() if f"device {name} " in line)
