@@ -29,6 +29,7 @@ from heronry_tools.preflight.told import (
 )
 from heronry_tools.reports.findings import Finding
 from heronry_tools.reports.troubles import (
+    code_troubles,
     element_troubles,
     function_troubles,
     manager_troubles,
@@ -86,7 +87,8 @@ class Inspection:
         status = status_now(self.socket).status
         found += [*manager_troubles(status), *_new_epoch(before.status, status)]
         found += [assess_key(status, self.key), assess_contingencies(status, spec, self.named)]
-        found += [*survey.findings(seconds), *_pes(status, survey), *element_troubles(status)]
+        found += [*survey.findings(seconds), *_pes(status, survey)]
+        found += [*code_troubles(status), *element_troubles(status)]
         if spec.manager.bus in survey.heard and status["epoch"] == before.status["epoch"]:  # else others should send
             found += [*inputs.findings(until_ns, silent_data(status)), *silence_troubles(status, inputs.wired)]
         else:

@@ -40,6 +40,9 @@ def troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     yield from function_troubles(status)
 
 
+_BRING = "heronry manager --bundles DIR"
+
+
 def manager_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     """Yield the troubles of the manager itself, of its journal, and of an epoch that is not everywhere yet."""
     manager = status["manager"]
@@ -202,5 +205,7 @@ def _latched(fault: Mapping[str, Any], reason: str | None) -> Finding:
     why = "" if reason is None else f": {reason}"
     says = f"{element} counts as failed, reported by {fault['by']}, {ago}: {what}{detail}{why}"
     if fault["code"] == FaultCode.MODULE_MISSING.name:
-        return Finding("images", says, f"install the code of {element} on {fault['by']}, and restart its agent")
+        return Finding(
+            "images", says, f"install the code of {element} on {fault['by']}, and restart its agent; or: {_BRING}"
+        )
     return Finding("fault", says, clear)
