@@ -6,7 +6,7 @@ import pytest
 from canopen import SdoAbortedError
 
 from agent.canopen_master import Master, refusal
-from agent.one_pe import TABLE, OnePe
+from agent.one_pe import FLYING, MS, NODE, TABLE, OnePe, sent
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.vocabulary import (
     Action,
@@ -18,7 +18,11 @@ from heronry_agent.core.vocabulary import (
     WriteProgram,
 )
 from heronry_wire.bundle_transfer import Part, Received, Transfer
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import sdo_request_id, sdo_response_id
 from heronry_wire.sansio import InvariantError
+from heronry_wire.sdo import BLOCK_ACKNOWLEDGE, BLOCK_DOWNLOAD, BLOCK_SIZE_GIVEN, segment, with_number
+from heronry_wire.timing import worst_bits
 
 CONTENT = bytes(range(256)) * 8
 TRANSFER = Transfer(sha256(CONTENT).digest(), len(CONTENT))
@@ -193,3 +197,19 @@ def test_code_that_arrives_is_missing_no_more() -> None:
     assert pe.core.staging.reader.missing_images == {}
     pe.give(ImagesMissing({image: "it was taken back"}))  # and may be missing again, which is told again
     assert image in pe.core.staging.reader.missing_images
+
+
+def test_in_flight_the_segments_of_a_block_may_take_a_tenth_of_the_bus() -> None:
+    pe = WithLoader(NO_CODE)
+    pe.pass_time(0)
+    pe.configure(FLYING, 7)
+    pace_ns = 10 * worst_bits(8) * 1_000  # at 1 Mbit/s
+    pe.pass_time(100 * MS)
+    pe.hear(Frame(sdo_request_id(NODE), with_number(BLOCK_DOWNLOAD | BLOCK_SIZE_GIVEN, 0x1F50, 1, 700)))
+    answers: list[Action] = []
+    for number in range(1, 33):
+        answers += pe.pass_time(pace_ns)
+        answers += pe.hear(Frame(sdo_request_id(NODE), segment(number, bytes(7))))
+    answers += pe.pass_time(10 * MS)
+    (answer,) = (one.data for one in sent(answers, sdo_response_id(NODE)) if one.data[0] & 3 == BLOCK_ACKNOWLEDGE)
+    assert answer[1] == 32

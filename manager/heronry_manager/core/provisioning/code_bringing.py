@@ -80,12 +80,12 @@ class CodeBringing:
         """Begin without a transfer; without `settings.bundles` nothing is ever brought."""
         self._spec, self._key, self._bundles = settings.spec, settings.key, settings.bundles
         self._turn, self._claim, self._health, self._situation = turn, claim, health, situation
-        here = [pe for pe in settings.spec.pes.values() if self._bundles and settings.bus.name in pe.buses]
+        self._pace, self._beat_ns = Pace(settings.spec, deployment, situation), settings.bus.heartbeat_ns
+        here = [pe for pe in settings.spec.pes.values() if self._bundles and self._pace.way(pe.name)]
         self._node = {pe.name: pe.node_id for pe in here}
         self._pe_of_answer = {sdo_response_id(pe.node_id): pe.name for pe in here}
         self._pe_of_request = {sdo_request_id(pe.node_id): pe.name for pe in here}
         self._ranks = criticality_ranks(settings.spec) if here else {}
-        self._pace, self._beat_ns = Pace(settings.spec, deployment, situation), settings.bus.heartbeat_ns
         self._reader = ObjectReader(turn.do)
         self._look_ns = turn.now_ns if here else NEVER_NS
         self._now: tuple[str, CodeBundle] | None = None

@@ -142,7 +142,10 @@ class CanopenNode:
         pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
         self._turn_ns = self._turn.now_ns + 2 * pause_ns
         self._sdo.segment_ns = pause_ns
-        self._say(self._sdo.request(request, self._turn.now_ns))
+        answer = self._sdo.request(request, self._turn.now_ns)
+        if answer is None and self._sdo.receives_segments:
+            self._turn_ns = self._turn.now_ns + pause_ns  # one frame and no answer: half of what the others take
+        self._say(answer)
 
     def _node_service(self, event: Received) -> None:
         said = self._services.take(event.port, event.frame, self._turn.now_ns)

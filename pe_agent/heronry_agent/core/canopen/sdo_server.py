@@ -213,6 +213,11 @@ class SdoServer:
             BLOCK_UPLOAD: self._block_upload,
         }
 
+    @property
+    def receives_segments(self) -> bool:
+        """Tell whether the next request is a segment of a block download."""
+        return isinstance(self._transfer, _BlockDownload) and not self._transfer.is_complete
+
     def reset(self) -> None:
         """End the transfer under way, and send no abort."""
         self._transfer = None
