@@ -25,8 +25,9 @@ from heronry_agent.core.vocabulary import (
     StopModule,
     WriteProgram,
 )
-from heronry_agent.loader.code_loader import KEEPER_NS, RETRY_NS, CodeLoader
+from heronry_agent.loader.code_loader import RETRY_NS, CodeLoader
 from heronry_agent.loader.folder import Folder
+from heronry_agent.loader.keeper_process import KEEPER_NS, KeeperProcess
 from heronry_agent.loader.store import Store
 from heronry_agent.loader.trial import GAP_NS, TRIAL_NS, Trial, Verdict
 from heronry_wire.pe_table import ModeEntry, ModuleEntry
@@ -52,7 +53,9 @@ class Loop:
 
     def __init__(self, folder: Path, key: Path | None = None) -> None:
         self.said: list[str] = []
-        self.loader = CodeLoader(folder / "code", key, {MODULE: ENTRY}, self.said.append)
+        self.loader = CodeLoader(
+            folder / "code", KeeperProcess(folder / "code", key), {MODULE: ENTRY}, self.said.append
+        )
         self.now_ns = 1_000_000_000
 
     def order(self, action) -> list[ModuleEvent]:
@@ -184,7 +187,7 @@ def test_a_keeper_that_hangs_is_ended_and_told(loop: Loop) -> None:
     loop.loader.ordered(WriteProgram(bundle(1).content), loop.now_ns)
     loop.loader.ordered(NO_START, loop.now_ns)  # waits for the first one
     loop.now_ns += KEEPER_NS
-    assert loop.loader.take((), loop.now_ns) == [ProgramChanged(ProgramState(0, 5))]
+    assert loop.loader.take((), loop.now_ns) == [ProgramChanged(ProgramState(0, 5, is_at_work=True))]
     assert "ended or hung" in loop.said[-1]
     assert loop.wait() == [ProgramChanged(ProgramState(0, 0))]
     loop.loader.ordered(WriteProgram(bundle(1).content), loop.now_ns)

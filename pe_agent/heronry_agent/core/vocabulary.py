@@ -162,15 +162,17 @@ class ProgramState(NamedTuple):
 
     version: of the code that runs; 0: there is none.
     error: why its last order failed, as object 1F57h numbers it; 0: it has not failed.
+    is_at_work: whether an order is not answered yet.
     """
 
     version: int = 0
     error: int = 0
+    is_at_work: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class ProgramChanged:
-    """The loader has done, or has not been able to do, what the last WriteProgram or ControlProgram asked."""
+    """The loader's state is another one: it has done or refused an order, or has taken back code that failed."""
 
     state: ProgramState
 

@@ -1,7 +1,8 @@
 """The memory loader of a PE: code comes over the bus, is checked, tried, and kept or taken back (protocol rule 10).
 
     code_loader   the agent's side: orders of the canopen room go in, what has become of them comes out; it never waits
-    keeper        a short-lived process, which checks and writes; `cryptography` is imported there alone
+    keeper        a short-lived process, which checks and writes; `cryptography` is imported there alone;
+                  `keeper_process` starts it, and ends it if it hangs
     store         the states of the code on the disk, and how one follows from another
     folder        the file operations, each of which a crash leaves done or not done
     trial         whether new code has run for long enough, or has failed

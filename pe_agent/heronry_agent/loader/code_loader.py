@@ -1,24 +1,23 @@
 """The loader as the agent's loop sees it: orders go in, keepers work, and what has changed comes out; nothing waits.
 
     idle        no keeper runs
-    at work     one keeper (`keeper`) does one operation; further ones wait in their order
+    at work     one keeper (`keeper_process`) does one operation; further ones wait in their order
     on trial    the active code is judged by what its modules do (`trial`); then it is confirmed or taken back
+    taken back  code has failed in its trial, and the disk's record does not say so yet
 
-Code that is taken back is out of use at once, whatever the disk says; the record follows as soon as the disk takes it,
-and until then a restart of the agent counts as one more try. A confirmation that the disk does not take is repeated.
+What counts follows from two things in one place (`_follow`): the record that the disk gave last, and what was taken
+back. Code that was taken back is out of use whatever a record says, until one says that it is; the trial is always that
+of the code that counts. Until the disk has recorded it, a restart of the agent counts as one more try.
 
-    a keeper that is killed, or hangs for KEEPER_NS    is told as an operation that failed; the next one asks for the
-                                                       state anew
+What the disk still owes, the record of code that passed its trial or was taken back, is asked for again every RETRY_NS
+until an answer has it. It is computed from the state, so nothing else is ever confirmed or taken back.
+
+    a keeper that is killed or hangs                   is told as an operation that failed; the next has the record
     an order to start code while modules of it run     is refused: what runs is never touched
 """
 
-import json
-import os
-import subprocess
-import sys
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,48 +37,41 @@ from heronry_agent.core.vocabulary import (
     WriteProgram,
 )
 from heronry_agent.loader.keeper import DISK, FINE, NOT_FOR_HERE, TOO_LARGE, WRONG, Answer
+from heronry_agent.loader.keeper_process import LOST, KeeperProcess
 from heronry_agent.loader.store import State, reverted, slot_file
 from heronry_agent.loader.trial import Trial, Verdict
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import NEVER_NS
 
-KEEPER_NS = 60_000_000_000
 RETRY_NS = 10_000_000_000
-_BOOT_S = 10.0
-_STANDS_BACK = 5  # steps of "niceness", as a partition's
-_MOST_ANSWER = 1 << 20
 _ERRORS = {FINE: 0, WRONG: 3, DISK: 5, TOO_LARGE: 6, NOT_FOR_HERE: 7}  # object 1F57h, as CiA 302-3 numbers them
-_INHERITED = ("HOME", "LANG", "LD_LIBRARY_PATH", "PATH", "TZ", "VIRTUAL_ENV")
-_LOST = Answer(DISK, "the process that keeps the code ended or hung: look whether the disk works", None, None)
+_ORDERED = ("receive", "start", "clear")  # a client waits for what becomes of them
 
 
 class _Operation(NamedTuple):
     name: str
     content: bytes = b""
-    is_ordered: bool = False  # a client waits for what becomes of it
 
 
 class CodeLoader:
     """The loader of one PE; `next_ns` is the time in ns at which to call `take`, if no keeper is readable before."""
 
     def __init__(
-        self, folder: Path, key: Path | None, own: Mapping[int, ModuleEntry], tell: Callable[[str], None]
+        self, folder: Path, keeper: KeeperProcess, own: Mapping[int, ModuleEntry], tell: Callable[[str], None]
     ) -> None:
         """Ask the store for its state, which counts one more try of code on trial; waits for the disk for a while.
 
         folder: the folder of --code-dir.
-        key: file of the public key; None: code need not be signed.
+        keeper: starts the keepers of this folder.
         own: by index, the modules whose code is not installed on this node.
         tell: called with a sentence for the log.
         """
-        self._command = [sys.executable, "-m", "heronry_agent.loader.keeper", str(folder)]
-        self._folder, self._key, self._own, self._tell = folder, key, dict(own), tell
+        self._folder, self._keeper, self._own, self._tell = folder, keeper, dict(own), tell
         self._state, self._error = State({}), 0
-        self._keeper: subprocess.Popen[bytes] | None = None
+        self._taken_back = ""  # the digest of the code
         self._now: _Operation | None = None
         self._queue: deque[_Operation] = deque()
-        self._said = b""
-        self._limit_ns = self._again_ns = NEVER_NS
+        self._again_ns = NEVER_NS
         self._running: set[int] = set()
         self._trial: Trial | None = None
         self.is_changed = False  # True: partitions of the loader's modules are to be started anew
@@ -89,7 +81,8 @@ class CodeLoader:
     def program(self) -> ProgramState:
         """Return what the core is told of this loader."""
         code = self._state.code
-        return ProgramState(0 if code is None else code.version, self._error)
+        at_work = any(one.name in _ORDERED for one in (self._now, *self._queue) if one is not None)
+        return ProgramState(0 if code is None else code.version, self._error, is_at_work=at_work)
 
     @property
     def images(self) -> frozenset[str]:
@@ -106,24 +99,24 @@ class CodeLoader:
     @property
     def readers(self) -> Collection[int]:
         """Return what `select` is to wait for."""
-        return () if self._keeper is None or self._keeper.stdout is None else (self._keeper.stdout.fileno(),)
+        return self._keeper.readers
 
     @property
     def next_ns(self) -> int:
         """Time in ns at which to call `take`."""
-        return min(self._limit_ns, self._again_ns)
+        return min(self._keeper.next_ns, self._again_ns)
 
     def ordered(self, action: Action, now_ns: int) -> list[ModuleEvent]:
         """Take an action of the core; returns the answers that are known at once."""
         match action:
             case WriteProgram(content):
-                self._do(_Operation("receive", content, is_ordered=True), now_ns)
+                self._do(_Operation("receive", content), now_ns)
             case ControlProgram(is_start=True) if self._running:
                 self._tell("code is not started while modules of the code before run: let them run elsewhere first")
                 self._error = _ERRORS[NOT_FOR_HERE]
                 return [ProgramChanged(self.program)]
             case ControlProgram(is_start):
-                self._do(_Operation("start" if is_start else "clear", is_ordered=True), now_ns)
+                self._do(_Operation("start" if is_start else "clear"), now_ns)
             case StartModule(module) if module in self._own:
                 self._running.add(module)
             case StopModule(module):
@@ -149,14 +142,17 @@ class CodeLoader:
 
     def take(self, ready: Collection[object], now_ns: int) -> list[ModuleEvent]:
         """Read what a keeper says, and begin what is due; returns what follows for the core."""
+        events: list[ModuleEvent] = []
+        if self._now is not None:
+            said = self._keeper.heard(ready, now_ns)
+            if said is not None:
+                operation, self._now = self._now, None
+                events = self._done(operation, said)
         if now_ns >= self._again_ns:
             self._again_ns = NEVER_NS
-            self._queue_once("confirm" if self._trial is not None else "revert")
-        events: list[ModuleEvent] = []
-        if now_ns >= self._limit_ns or any(one in ready for one in self.readers):
-            events = self._hear_keeper(now_ns)
         if self._now is None and self._queue:
             self._begin(self._queue.popleft(), now_ns)
+        self._settle(now_ns)
         return events
 
     def abandon(self) -> None:
@@ -165,14 +161,8 @@ class CodeLoader:
 
     def close(self) -> None:
         """End the keeper that is at work; the store is whole whenever that is."""
-        keeper, self._keeper, self._now, self._limit_ns = self._keeper, None, None, NEVER_NS
-        if keeper is None:
-            return
-        with suppress(ProcessLookupError):
-            keeper.kill()
-        keeper.wait()
-        if keeper.stdout is not None:
-            keeper.stdout.close()
+        self._now = None
+        self._keeper.close()
 
     def runs(self, partition: str) -> bool:
         """Tell whether a module of this partition runs."""
@@ -181,66 +171,69 @@ class CodeLoader:
     def _ended(self, partition: str) -> None:
         self._running -= {module for module in self._running if self._own[module].partition == partition}
 
-    # The trial
+    # What counts
 
     def _judged(self, now_ns: int) -> list[ModuleEvent]:
-        trial = self._trial
-        if trial is None or trial.verdict is Verdict.RUNNING:
-            return []
+        """Draw the consequences of the trial."""
+        events: list[ModuleEvent] = []
         code = self._state.code
-        assert code is not None
-        if trial.verdict is Verdict.PASSED:
-            if not trial.is_told:
-                trial.is_told = True
-                self._do(_Operation("confirm"), now_ns)
-            return []
-        self._trial = None
-        self._tell(f"version {code.version} of {code.name} has failed ({trial.why}): the code before it is back")
-        self._do(_Operation("revert"), now_ns)
-        return self._switch(reverted(self._state))
+        if self._trial is not None and self._trial.verdict is Verdict.FAILED and code is not None:
+            self._tell(
+                f"version {code.version} of {code.name} has failed ({self._trial.why}): the code before it is back"
+            )
+            self._taken_back = code.digest
+            events = self._follow(self._state)
+        self._settle(now_ns)
+        return events
 
-    def _switch(self, state: State) -> list[ModuleEvent]:
-        """Let another state count; returns what follows for the core."""
-        before, self._state = (self.images, self._state.active), state
-        if (self.images, state.active) == before:
+    def _follow(self, record: State) -> list[ModuleEvent]:
+        """Let a record count, without what was taken back; returns what follows for the core."""
+        if record.code is not None and record.code.digest == self._taken_back and record.tries is not None:
+            record = reverted(record)
+        else:
+            self._taken_back = ""
+        before, images, self._state = self._state, self.images, record
+        if record.tries is None:
+            self._trial = None
+        elif self._trial is None or record.code != before.code:
+            here = {module: entry for module, entry in self._own.items() if entry.image in self.images}
+            self._trial = Trial(here, self.images, {entry.partition for entry in here.values()})
+        if (record.code, record.active) == (before.code, before.active):
             return [ProgramChanged(self.program)]
         self.is_changed = True
-        self._trial = self._new_trial() if state.tries is not None else None
-        gone = {image: f"image '{image}': the bundle that holds it is not in use" for image in before[0] - self.images}
+        gone = {image: f"image '{image}': the bundle that holds it is not in use" for image in images - self.images}
         events: list[ModuleEvent] = [ProgramChanged(self.program)]
-        if self.images - before[0]:
-            events.append(ImagesArrived(self.images - before[0]))
+        if self.images - images:
+            events.append(ImagesArrived(self.images - images))
         return [*events, ImagesMissing(gone)] if gone else events
 
-    def _new_trial(self) -> Trial:
-        here = {module: entry for module, entry in self._own.items() if entry.image in self.images}
-        return Trial(here, self.images, {entry.partition for entry in here.values()})
+    def _settle(self, now_ns: int) -> None:
+        """Ask the disk for what it owes, unless it was asked a moment ago."""
+        if self._taken_back:
+            owed = "revert"
+        elif self._trial is not None and self._trial.verdict is Verdict.PASSED:
+            owed = "confirm"
+        else:
+            self._again_ns = NEVER_NS
+            return
+        if self._again_ns == NEVER_NS:
+            self._again_ns = now_ns + RETRY_NS
+            if all(one is None or one.name != owed for one in (self._now, *self._queue)):
+                self._do(_Operation(owed), now_ns)
 
     # Keepers
 
     def _boot(self) -> None:
-        try:
-            done = subprocess.run(
-                [*self._command, "boot"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env=_environment(),
-                timeout=_BOOT_S,
-                check=False,
-            )
-            said = _read(done.stdout)
-        except (OSError, subprocess.TimeoutExpired):
-            said = _LOST
+        said = self._keeper.boot()
         if said.problem != FINE:
             self._tell(said.sentence)
         if said.state is not None:
-            self._state = State.from_json(said.state)
+            self._follow(State.from_json(said.state))
+        self.is_changed = False
         code = self._state.code
         if code is not None:
             trial = "" if self._state.tries is None else ", on trial"
             self._tell(f"code of {code.name}, version {code.version}{trial}")
-        self._trial = None if self._state.tries is None else self._new_trial()
 
     def _do(self, operation: _Operation, now_ns: int) -> None:
         if self._now is None:
@@ -248,76 +241,24 @@ class CodeLoader:
         else:
             self._queue.append(operation)
 
-    def _queue_once(self, name: str) -> None:
-        if all(waiting.name != name for waiting in self._queue):
-            self._queue.append(_Operation(name))
-
     def _begin(self, operation: _Operation, now_ns: int) -> None:
-        """Start a keeper; if that is not possible, `take` reports it at the time limit, which is now."""
-        self._now, self._said, self._limit_ns = operation, b"", now_ns + KEEPER_NS
-        arguments = [operation.name] if self._key is None else [operation.name, str(self._key)]
-        try:
-            content = os.memfd_create("bundle", os.MFD_CLOEXEC)
-            with os.fdopen(content, "w+b") as stream:
-                stream.write(operation.content)
-                stream.flush()
-                stream.seek(0)
-                self._keeper = subprocess.Popen(
-                    [*self._command, *arguments],
-                    stdin=stream,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.DEVNULL,
-                    env=_environment(),
-                    process_group=0,
-                )
-            os.setpriority(os.PRIO_PROCESS, self._keeper.pid, os.getpriority(os.PRIO_PROCESS, 0) + _STANDS_BACK)
-        except OSError:
-            self._limit_ns = now_ns
+        self._now = operation
+        self._keeper.begin(operation.name, operation.content, now_ns)
 
-    def _hear_keeper(self, now_ns: int) -> list[ModuleEvent]:
-        if now_ns < self._limit_ns:
-            came = b"".join(os.read(reader, _MOST_ANSWER) for reader in self.readers)
-            self._said += came
-            if came and not self._said.endswith(b"\n"):
-                return []
-        operation, said = self._now, _read(self._said)
-        self.close()
-        assert operation is not None
-        return self._done(operation, said, now_ns)
-
-    def _done(self, operation: _Operation, said: Answer, now_ns: int) -> list[ModuleEvent]:
+    def _done(self, operation: _Operation, said: Answer) -> list[ModuleEvent]:
+        """Take the answer of a keeper; returns what follows for the core."""
         if said.problem != FINE:
-            self._tell(f"code: {said.sentence}" if said is _LOST else f"a bundle is not used: {said.sentence}")
-        if operation.name in ("confirm", "revert"):
-            return self._settled(operation, said, now_ns)
-        self._error = _ERRORS[said.problem]
+            self._tell(f"code: {said.sentence}" if said is LOST else f"a bundle is not used: {said.sentence}")
+        if operation.name in _ORDERED:
+            self._error = _ERRORS[said.problem]
         if said.state is None:
             return [ProgramChanged(self.program)]
-        state = State.from_json(said.state)
+        events = self._follow(State.from_json(said.state))
+        code = self._state.code
         if said.problem == FINE and operation.name == "receive":
             self._tell("a bundle has come over the bus, is whole, and waits for its start")
-        if said.problem == FINE and operation.name == "start" and state.code is not None:
-            self._tell(f"version {state.code.version} of {state.code.name} is in use")
-        return self._switch(state)
-
-    def _settled(self, operation: _Operation, said: Answer, now_ns: int) -> list[ModuleEvent]:
-        """Take what has become of a confirmation, or of the record of code that was taken back."""
-        if said.problem != FINE or said.state is None:
-            self._again_ns = now_ns + RETRY_NS
-            return []
-        if operation.name == "confirm":
-            self._trial = None
+        if said.problem == FINE and operation.name == "start" and code is not None:
+            self._tell(f"version {code.version} of {code.name} is in use")
+        if said.problem == FINE and operation.name == "confirm":
             self._tell("the code has run for a minute, and is kept")
-        self._state = State.from_json(said.state)
-        return []
-
-
-def _read(line: bytes) -> Answer:
-    try:
-        return Answer(**json.loads(line))
-    except (ValueError, TypeError):
-        return _LOST
-
-
-def _environment() -> dict[str, str]:
-    return {k: v for k, v in os.environ.items() if k in _INHERITED or k.startswith(("LC_", "PYTHON"))}
+        return events

@@ -47,7 +47,6 @@ class Trial:
         self._ran_ns, self._last_ns = 0, 0
         self.verdict = Verdict.RUNNING
         self.why = ""
-        self.is_told = False  # whether the verdict has led to a confirmation already
 
     def heard(self, event: Event, now_ns: int) -> None:
         """Take an event that a module host gives to the core."""

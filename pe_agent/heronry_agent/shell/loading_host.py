@@ -12,6 +12,7 @@ from typing import Any
 
 from heronry_agent.core.vocabulary import Action, ControlProgram, ImagesMissing, ModuleEvent, WriteProgram
 from heronry_agent.loader.code_loader import CodeLoader
+from heronry_agent.loader.keeper_process import KeeperProcess
 from heronry_agent.shell.devices import Devices
 from heronry_agent.shell.partition_groups import PartitionGroups
 from heronry_agent.shell.partition_host import WARM_UP_NS, PartitionHost
@@ -145,4 +146,5 @@ def open_code(
     if key is not None:
         read_key_file(key, PUBLIC)
     table = table_for_loader(table, missing)
-    return Code(CodeLoader(folder.absolute(), key, own_modules(table, missing), tell), table, missing)
+    keeper = KeeperProcess(folder.absolute(), key)
+    return Code(CodeLoader(folder.absolute(), keeper, own_modules(table, missing), tell), table, missing)

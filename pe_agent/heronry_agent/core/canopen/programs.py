@@ -79,7 +79,7 @@ class Programs:
 
     def changed(self, state: ProgramState) -> None:
         """Take what the loader says."""
-        self._state, self._is_at_work = state, False
+        self._state, self._is_at_work = state, state.is_at_work
 
     def write(self, content: bytes) -> Abort | None:
         """Hand a whole bundle to the loader."""
