@@ -88,9 +88,9 @@ def read_length(rest: bytes) -> int:
     return int.from_bytes(rest, "little")
 
 
-def read_number(value: bytes) -> int:
-    """Convert the value of an object to an unsigned number."""
-    return int.from_bytes(value, "little")
+def read_number(value: bytes) -> int | None:
+    """Convert the value of an object to an unsigned number; None: it has not one to four bytes, so it is none."""
+    return int.from_bytes(value, "little") if 1 <= len(value) <= EXPEDITED_BYTES else None
 
 
 def expedited_length(command: int) -> int:

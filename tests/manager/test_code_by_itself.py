@@ -17,16 +17,22 @@ from heronry_agent.core.canopen import Programs, SdoServer
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import ControlProgram, ProgramState, WriteProgram
 from heronry_manager import events
-from heronry_manager.core.provisioning import TableBringing
 from heronry_manager.core.provisioning.pace import Pace
 from heronry_manager.core.settings import CodeBundle
-from heronry_manager.core.vocabulary import ClearElement
+from heronry_manager.core.vocabulary import AskStatus, ClearElement
 from heronry_wire.authentication import KEY_BYTES, Key
-from heronry_wire.canopen_objects import PROGRAM_CONTROL, PROGRAM_STATUS, PROGRAM_TRANSFER, PROGRAM_VERSION
+from heronry_wire.canopen_objects import (
+    MODULE_FAILURES,
+    PROGRAM_CONTROL,
+    PROGRAM_STATUS,
+    PROGRAM_TRANSFER,
+    PROGRAM_VERSION,
+)
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import sdo_request_id, sdo_response_id
+from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id
 from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
-from heronry_wire.sdo import Abort, abort_message
+from heronry_wire.sdo import UPLOAD, Abort, abort_message, with_data
+from lab.peers import PlayedObjects
 from manager.one_manager import MS, OneManager, two_tails
 from manager.test_operator import say
 from thoroughness import IS_WHOLE
@@ -77,12 +83,12 @@ class Pe:
         return self.programs.write_part(data) if index == PROGRAM_TRANSFER else self.programs.order(data[0])
 
     def read(self, index: int, sub_index: int) -> bytes | Abort:
-        values = {
+        values: dict[tuple[int, int], bytes] = {
             (PROGRAM_VERSION, 1): self.programs.version.to_bytes(4, "little"),
             (PROGRAM_STATUS, 1): self.programs.status.to_bytes(4, "little"),
             (PROGRAM_TRANSFER, 2): self.programs.received,
         }
-        return values[index, sub_index]
+        return values.get((index, sub_index), Abort.NO_OBJECT)
 
     def hear(self, data: bytes, now_ns: int) -> list[bytes]:
         self.turn.begin(now_ns)
@@ -273,6 +279,18 @@ def test_a_pe_without_an_sdo_server_is_told() -> None:
     assert [one.why for one in flight.manager.of(events.CodeNotTaken)] == ["it did not answer"]
 
 
+@pytest.mark.parametrize("length", [0, 5, 8, 40, 4096])
+def test_a_version_that_is_no_number_is_none(length: int) -> None:
+    flight, played = Flight(), PlayedObjects()
+    assert flight.fly(lambda: flight.messages == 1)
+    played.values[NODE, PROGRAM_VERSION, 1] = b"\3".ljust(length, b"\0")[:length]
+    while not flight.manager.of(events.CodeNotTaken):
+        asked = next(one for one in reversed(flight.manager.frames) if one.can_id == REQUEST)
+        flight.manager.hear(Frame(ANSWER, played.answer(NODE, asked.data)))
+    assert flight.manager.last(events.CodeNotTaken).why == "it did not answer"
+    assert not flight.has_come()
+
+
 def test_code_that_is_there_already_is_not_sent_again() -> None:
     flight = Flight()
     flight.pe.version = BUNDLE.version
@@ -400,9 +418,73 @@ def test_a_lack_that_the_operator_has_cleared_is_forgotten_and_other_lacks_stay(
     assert flight.manager.core.now.down == {"module:drive_left"}
 
 
-def test_no_code_is_brought_while_a_table_is(monkeypatch: pytest.MonkeyPatch) -> None:
+WAITS = Frame(heartbeat_id(94), b"\x7f")  # `right` waits for its table
+
+
+def to_right(flight: Flight) -> list[Frame]:
+    return [one for one in flight.manager.frames if one.can_id == sdo_request_id(94)]
+
+
+def test_no_table_is_brought_while_code_is() -> None:
+    flight = Flight(brings_tables=True)
+    flight.manager.die("right")
+    assert flight.fly(lambda: flight.messages > 20)
+    while not flight.has_come():
+        flight.manager.hear(WAITS)
+        flight.fly(flight.has_come, 300 * MS)
+        assert not to_right(flight)
+    flight.fly(longest_ns=900 * MS)
+    flight.manager.hear(WAITS)
+    flight.fly(longest_ns=200 * MS)
+    assert to_right(flight)
+
+
+def test_no_code_is_brought_while_a_table_is() -> None:
+    flight = Flight(brings_tables=True)
+    flight.manager.die("right")
+    flight.fly(longest_ns=4_900 * MS)
+    flight.manager.hear(WAITS)
+    assert to_right(flight)
+    flight.fly(longest_ns=900 * MS)
+    assert flight.messages == 0
+    assert flight.fly(lambda: flight.messages > 0, 800 * MS)
+
+
+def test_a_status_in_every_moment_does_not_keep_code_away_and_what_is_read_waits_for_it() -> None:
+    flight = Flight(reads_objects=True)
+    reported = False
+    while not flight.has_come():
+        say(flight.manager, AskStatus())
+        flight.fly(flight.has_come, 150 * MS)
+        if flight.messages > 400 and not reported:
+            reported = True
+            flight.manager.report(PE, replace(LACK, code=FaultCode.MODULE_EXCEPTION))
+            before = len(flight.manager.frames)
+        assert flight.manager.now_ns < LONGEST_NS
+    assert not flight.manager.of(events.CodeNotTaken)
+    assert reported
+
+    def asks_why() -> bool:
+        asked = with_data(UPLOAD, MODULE_FAILURES, 1)
+        return Frame(REQUEST, asked) in flight.manager.frames[before:]
+
+    assert not asks_why()
+    assert flight.fly(asks_why, 90_000 * MS)  # the two other PEs, which are asked before, do not answer
+
+
+def test_no_transfer_begins_while_another_client_talks_to_the_pe() -> None:
     flight = Flight()
-    with monkeypatch.context() as busy:
-        busy.setattr(TableBringing, "is_busy", property(lambda _self: True))
-        assert not flight.fly(lambda: flight.messages > 0, 10_000 * MS)
+    flight.fly(longest_ns=4_900 * MS)
+    flight.manager.hear(Frame(REQUEST, bytes(8)))
+    flight.fly(longest_ns=1_900 * MS)
+    assert flight.messages == 0
     flight.judge()
+
+
+def test_the_transfer_of_another_client_is_not_aborted() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > 20)
+    before = len(flight.manager.frames)
+    flight.manager.hear(Frame(REQUEST, bytes(8)))
+    flight.manager.pass_time(1_900 * MS)
+    assert not [one for one in flight.manager.frames[before:] if one.can_id == REQUEST]

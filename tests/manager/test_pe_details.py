@@ -303,6 +303,21 @@ def test_a_cost_that_the_pe_has_not_measured_yet_is_read_again_with_the_next_sta
     assert set(manager.status()["pes"]["left"]["cost"].values()) == {2}
 
 
+@pytest.mark.parametrize("length", [0, 5, 8])
+def test_an_answer_that_is_no_number_is_none(manager: Reading, length: int) -> None:
+    value = b"\xff" * length
+    manager.objects |= {(LEFT, index, sub_index): value for index in (COST, COUNTERS) for sub_index in range(1, 7)}
+    manager.status()
+    manager.is_silent_for_two_beats("left")
+    left = manager.status()["pes"]["left"]
+    assert (left["cost"], left["standstills"]) == (None, None)
+    assert not manager.told(events.StoodStill)
+    manager.objects |= {(LEFT, SPEC, 3): b"ab", (LEFT, SPEC, 4): value}
+    page = StatePage1(PeState.ACTIVE, manager.flags, manager.running["left"].epoch, 0, Reason.DIGEST, 0)
+    manager.hear(Frame(state_id(LEFT), page.encode()))
+    assert manager.last(events.AnotherTable).why.startswith("its table is another one")
+
+
 def test_the_longest_standstill_is_told_if_the_pe_never_had_a_longer_one(manager: Reading) -> None:
     manager.counters(2, 30)
     manager.is_silent_for_two_beats("left")

@@ -17,13 +17,14 @@ from heronry_dg.loader import loads
 from heronry_manager import events
 from heronry_manager.core.tables import Compiler, PeTables
 from heronry_wire.authentication import KEY_BYTES, Key
-from heronry_wire.canopen_objects import TABLE
+from heronry_wire.canopen_objects import CHALLENGE, TABLE
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.sdo import Abort, abort_message
 from heronry_wire.state_frames import Reason
+from lab.peers import PlayedObjects
 from manager.one_manager import MS, SPEC_TEXT, OneManager, two_tails
 from thoroughness import IS_WHOLE
 
@@ -359,6 +360,17 @@ def test_with_a_key_a_pe_that_flies_before_its_table_is_sealed_is_left_alone() -
     flight.manager.hear(Frame(sdo_response_id(NODE), b"\x43\x24\x20\x00\x01\x02\x03\x04"))
     assert flight.messages == 1
     assert not flight.manager.of(events.TableNotTaken)
+
+
+@pytest.mark.parametrize("length", [0, 5, 8, 40, 4096])
+def test_a_challenge_that_is_no_number_is_none(length: int) -> None:
+    flight, played = Flight(key=KEY), PlayedObjects()
+    assert flight.fly(lambda: flight.messages == 1)
+    played.values[NODE, CHALLENGE, 0] = b"\xff" * length
+    while not flight.manager.of(events.TableNotTaken):
+        asked = next(one for one in reversed(flight.manager.frames) if one.can_id == sdo_request_id(NODE))
+        flight.manager.hear(Frame(sdo_response_id(NODE), played.answer(NODE, asked.data)))
+    assert flight.manager.last(events.TableNotTaken).why == "it did not answer"
 
 
 def test_an_acknowledgement_of_more_segments_than_were_sent_ends_the_transfer() -> None:

@@ -14,6 +14,7 @@ The objects stay the same for as long as the manager runs. When the manager forg
     script          the configuration that a script of the operator has ordered
     authenticity    with a key: what has been proven; None without a key
     details         what PEs store for people to read. No decision depends on it, and the manager does not forget it
+    served          to which PE a table or code is on its way; what is read from it for `details` waits
     unknown_nodes   which nodes the spec does not have. No decision depends on it
     bringing        which PEs wait without a table. It forgets by itself when the manager is not active
     code            which PEs lack code, and what is on its way to them. It forgets by itself, too
@@ -25,6 +26,7 @@ from heronry_manager.core.mastership import Claim, Following, Mastership
 from heronry_manager.core.membership import Exclusion, Health
 from heronry_manager.core.provisioning import CodeBringing, TableBringing, UnknownNodes
 from heronry_manager.core.reports import PeDetails
+from heronry_manager.core.sdo_client import ObjectReader, OneServed
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.situation import HeldScript, KnownSituation
 from heronry_manager.core.turn import Turn
@@ -62,12 +64,28 @@ class Knowledge:
         self.authenticity: Authenticity | None = None
         if key is not None:
             self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=claim.speaks)
-        self.details = PeDetails(settings, turn, claim)
+        reader = ObjectReader(turn.do)
+        self.served = OneServed(reader)
+        self.details = PeDetails(settings, turn, claim, reader)
         self.bringing = TableBringing(
-            settings, turn, claim, self.health, deployment=self.deployment, situation=self.situation
+            settings,
+            turn,
+            claim,
+            self.health,
+            deployment=self.deployment,
+            situation=self.situation,
+            served=self.served,
         )
         self.unknown_nodes = UnknownNodes(spec, turn)
-        self.code = CodeBringing(settings, turn, claim, self.health, self.deployment, situation=self.situation)
+        self.code = CodeBringing(
+            settings,
+            turn,
+            claim,
+            self.health,
+            self.deployment,
+            situation=self.situation,
+            served=self.served,
+        )
 
     def forget(self) -> None:
         """Forget what this manager knows, except what `memory` and `details` hold."""

@@ -270,7 +270,7 @@ class ManagerCore:
             self._replanning.tick()
             self._details.tick()
             self._bringing.tick()
-            self._code.tick(may_begin=not self._bringing.is_busy)
+            self._code.tick()
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
         """Answer a question or execute an order of the operator; a manager that listens or stands by refuses orders."""
@@ -302,10 +302,10 @@ class ManagerCore:
 
     def _status_for_operator(self) -> dict[str, Any]:
         """Return the status; also read from the PEs how often they stood still and what they cost, for the next one."""
-        for pe in self._settings.spec.pes:
-            if self._health.is_available(pe):
-                self._details.look_at_standstills(pe, Look.SHOW)
-                self._details.look_at_cost(pe)
+        for pe in self._settings.spec.pes.values():
+            if self._health.is_available(pe.name) and not self._known.served.serves(pe.node_id):
+                self._details.look_at_standstills(pe.name, Look.SHOW)
+                self._details.look_at_cost(pe.name)
         return self.status()
 
     def _ask_traceback(self, number: int, element: str) -> None:

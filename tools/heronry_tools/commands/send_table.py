@@ -76,13 +76,19 @@ def _send(
             if unlock is not None:
                 unlock()
             try:
-                challenge = 0 if key is None else read_number(sdo.upload(CHALLENGE, 0))
-                return _write(sdo, content if key is None else key.sealed(content, challenge))
+                return _write(sdo, content if key is None else key.sealed(content, _challenge(sdo, node)))
             except SdoError as error:
                 is_locked = isinstance(error, SdoAbortedError) and error.code == Abort.DEVICE_STATE.value
                 if unlock is None or not is_locked or time.monotonic() > give_up_s:
                     raise UserError(f"node {node} did not take the table ({error}); {_REMEDY}") from error
             time.sleep(_AGAIN_AFTER_S)
+
+
+def _challenge(sdo: Any, node: int) -> int:
+    challenge = read_number(sdo.upload(CHALLENGE, 0))
+    if challenge is None:
+        raise UserError(f"node {node} did not take the table (its challenge is no number); {_REMEDY}")
+    return challenge
 
 
 def _write(sdo: Any, content: bytes) -> None:

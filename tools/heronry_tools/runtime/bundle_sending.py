@@ -108,13 +108,19 @@ class _Pe:
     def wait(self) -> None:
         """Wait until the loader is not at work any more; raises UserError where it has failed."""
         give_up_s = time.monotonic() + _WORK_S
-        while (status := read_number(self.read(PROGRAM_STATUS, 1))) & 1:
+        while (status := self._status()) & 1:
             if time.monotonic() > give_up_s:
                 raise UserError(f"node {self._node} is at work on the bundle for more than {_WORK_S:g} s: see its log")
             time.sleep(_LOOK_S)
         if status >> 1:
             why = _REMEDIES.get(status >> 1, f"it gives the error {status >> 1} of 1F57h: its log says why")
             raise UserError(f"node {self._node} does not use the bundle: {why}")
+
+    def _status(self) -> int:
+        status = read_number(self.read(PROGRAM_STATUS, 1))
+        if status is None:
+            raise UserError(f"node {self._node} does not answer as a loader: its 1F57h is no number; {_REMEDY}")
+        return status
 
     def write_part(self, part: Part) -> None:
         """Write one part by a paced block transfer, again and again for a while."""

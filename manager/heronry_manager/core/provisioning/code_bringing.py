@@ -19,7 +19,7 @@ stages anything. A PE that restarts has forgotten the parts, and begins anew. Co
 there, and its version is refused from then on: this is told, and tried less and less often. A restart or takeover of
 the manager forgets all this; the PEs report what they lack to each new manager.
 
-One PE is served at a time, and none while a table is brought. Only PEs on the manager's own bus are served. No
+One PE is served at a time, with a table or with code (`one_served`). Only PEs on the manager's own bus are served. No
 decision on what runs depends on anything here but the clearing of those faults.
 """
 
@@ -32,8 +32,8 @@ from heronry_manager.core.epochs import Deployment
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.membership import Health
 from heronry_manager.core.provisioning.pace import Pace
-from heronry_manager.core.provisioning.table_bringing import LONGEST_PAUSE_NS, SHORTEST_PAUSE_NS
-from heronry_manager.core.sdo_client import BlockDownload, ObjectReader, Outcome
+from heronry_manager.core.provisioning.table_bringing import FOR_ANOTHER_NS, LONGEST_PAUSE_NS, SHORTEST_PAUSE_NS
+from heronry_manager.core.sdo_client import BlockDownload, ObjectReader, OneServed, Outcome
 from heronry_manager.core.settings import CodeBundle, ManagerSettings
 from heronry_manager.core.situation import KnownSituation, LatchedFault
 from heronry_manager.core.turn import Turn
@@ -76,10 +76,12 @@ class CodeBringing:
         deployment: Deployment,
         *,
         situation: KnownSituation,
+        served: OneServed,
     ) -> None:
         """Begin without a transfer; without `settings.bundles` nothing is ever brought."""
         self._spec, self._key, self._bundles = settings.spec, settings.key, settings.bundles
         self._turn, self._claim, self._health, self._situation = turn, claim, health, situation
+        self._served = served
         self._pace, self._beat_ns = Pace(settings.spec, deployment, situation), settings.bus.heartbeat_ns
         here = [pe for pe in settings.spec.pes.values() if self._bundles and self._pace.way(pe.name)]
         self._node = {pe.name: pe.node_id for pe in here}
@@ -122,30 +124,26 @@ class CodeBringing:
 
     def take(self, frame: Frame) -> None:
         """Process an SDO answer of a PE, or the request of another SDO client to it."""
-        if self._now is None:
-            return
-        pe = self._now[0]
-        if self._pe_of_request.get(frame.can_id) == pe:
-            self._pause(pe, SHORTEST_PAUSE_NS)
-        elif self._pe_of_answer.get(frame.can_id) == pe:
+        if frame.can_id in self._pe_of_request:
+            self._leave(self._pe_of_request[frame.can_id], FOR_ANOTHER_NS)
+        elif self._now is not None and self._pe_of_answer.get(frame.can_id) == self._now[0]:
             if self._transfer is None:
-                self._reader.heard(self._node[pe], frame.data, self._turn.now_ns)
+                self._reader.heard(self._node[self._now[0]], frame.data, self._turn.now_ns)
             else:
                 self._transfer.heard(frame.data, self._turn.now_ns)
                 self._look_at(self._transfer)
 
-    def tick(self, *, may_begin: bool) -> None:
-        """Do what is due, and look for code that a PE lacks.
-
-        may_begin: whether a transfer may begin; false while a table is brought.
-        """
+    def tick(self) -> None:
+        """Do what is due, and look for code that a PE lacks."""
         now_ns = self._turn.now_ns
         if self._now is None:
             if now_ns >= self._look_ns:
                 self._look_ns = now_ns + LOOK_NS
-                self._begin_next(may_begin=may_begin)
+                self._begin_next()
         elif not self._health.is_available(self._now[0]):
-            self._pause(self._now[0], SHORTEST_PAUSE_NS)
+            if self._transfer is not None:
+                self._transfer.stop()
+            self._leave(self._now[0], SHORTEST_PAUSE_NS)
         elif self._transfer is not None:
             self._send_segment(*self._now, self._transfer)
         elif self._due is not None:
@@ -170,9 +168,9 @@ class CodeBringing:
         found = [one for one in self._situation.lacking_code() if one.by in self._node]
         return sorted(found, key=lambda one: (self._ranks[_module(one)], one.element))
 
-    def _begin_next(self, *, may_begin: bool) -> None:
+    def _begin_next(self) -> None:
         now_ns = self._turn.now_ns
-        if not may_begin or not self._claim.is_active or self._turn.silent or self._pace.is_held():
+        if not self._claim.is_active or self._turn.silent or self._pace.is_held():
             return
         lacking = self._lacking()
         for pe in self._told.keys() - {one.by for one in lacking}:
@@ -187,9 +185,10 @@ class CodeBringing:
                         pe, f"{bundle.name} has {len(bundle.content)} bytes, more than its flash: leave files out"
                     )
                     continue
-                self._now, self._began_ns, self._at = (pe, bundle), now_ns, 0
-                self._read(PROGRAM_VERSION, 1, self._version)
-                return
+                if self._served.begin(self._node[pe], now_ns):
+                    self._now, self._began_ns, self._at = (pe, bundle), now_ns, 0
+                    self._read(PROGRAM_VERSION, 1, self._version)
+                    return
 
     def _bundle_for(self, image: str) -> CodeBundle | None:
         holding = [one for one in self._bundles if image in one.images]
@@ -271,7 +270,17 @@ class CodeBringing:
         return not status
 
     def _read(self, index: int, sub_index: int, take: Callable[[int], None]) -> None:
-        self._read_raw(index, sub_index, lambda value: take(read_number(value)))
+        assert self._now is not None
+        pe = self._now[0]
+
+        def took(value: bytes) -> None:
+            number = read_number(value)
+            if number is None:
+                self._fail(pe, _SILENT)
+            else:
+                take(number)
+
+        self._read_raw(index, sub_index, took)
 
     def _read_raw(self, index: int, sub_index: int, take: Callable[[bytes], None]) -> None:
         assert self._now is not None
@@ -353,13 +362,15 @@ class CodeBringing:
         self._tries[pe] = before + 1
         self._not_before_ns[pe] = self._turn.now_ns + min(SHORTEST_PAUSE_NS << min(before, 16), LONGEST_PAUSE_NS)
 
-    def _pause(self, pe: str, pause_ns: int) -> None:
-        self._not_before_ns[pe] = self._turn.now_ns + pause_ns
-        if self._transfer is not None:
-            self._transfer.stop()
-        self._end()
+    def _leave(self, pe: str, pause_ns: int) -> None:
+        """End the transfer to a PE if there is one; none to it begins for `pause_ns`."""
+        self._not_before_ns[pe] = max(self._not_before_ns.get(pe, 0), self._turn.now_ns + pause_ns)
+        if self._now is not None and self._now[0] == pe:
+            self._end()
 
     def _end(self) -> None:
+        if self._now is not None:
+            self._served.end(self._turn.now_ns)
         self._now, self._transfer, self._then, self._due = None, None, None, None
         self._reader.give_up()
 

@@ -7,6 +7,7 @@
               no state frame for QUIET_NS, nor for two of its heartbeat periods, in which this manager was active. So a
               PE that has failed and restarts has certainly lost what it ran
     brought   its table is on its way; one PE at a time. A PE that flies meanwhile ends this
+    waits on  code is on its way to a PE, or something is being read from this one (`one_served`)
     paused    the last transfer is over, or another SDO client has made a request to the PE. After each transfer the
               pause doubles, from SHORTEST_PAUSE_NS to LONGEST_PAUSE_NS, whether the PE has taken the table or not. Only
               a PE that is available ends this count: so a PE that takes its table and cannot fly with it is told of,
@@ -33,7 +34,7 @@ from heronry_manager.core.epochs import Deployment
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.membership import Health
 from heronry_manager.core.provisioning.pace import Pace
-from heronry_manager.core.sdo_client import BlockDownload, ObjectReader, Outcome
+from heronry_manager.core.sdo_client import BlockDownload, ObjectReader, OneServed, Outcome
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.situation import KnownSituation
 from heronry_manager.core.turn import Turn
@@ -47,7 +48,7 @@ from heronry_wire.sdo import read_number
 
 QUIET_NS = 1_000_000_000
 SHORTEST_PAUSE_NS, LONGEST_PAUSE_NS = 1_000_000_000, 64_000_000_000
-_FOR_ANOTHER_NS = 2_000_000_000  # the PE drops the transfer of a silent client after one second
+FOR_ANOTHER_NS = 2_000_000_000  # the PE drops the transfer of a silent client after one second
 FORGOTTEN_NS = 3_000_000_000
 READ_NS = 2_000_000_000  # `pe_details` has read meanwhile which table it is: a PE has one SDO server
 _UNLOCK_S = 5  # a transfer that has begun may end after that time
@@ -71,10 +72,11 @@ class TableBringing:
         *,
         deployment: Deployment,
         situation: KnownSituation,
+        served: OneServed,
     ) -> None:
         """Begin without a transfer; without `settings.tables` no table is ever brought."""
         self._turn, self._claim, self._health, self._key = turn, claim, health, settings.key
-        self._tables = settings.tables or {}
+        self._served, self._tables = served, settings.tables or {}
         spec, bus = settings.spec, settings.bus
         self._pace, self._beat_ns = Pace(spec, deployment, situation), bus.heartbeat_ns
         here = [pe for pe in spec.pes.values() if pe.name in self._tables and self._pace.way(pe.name)]
@@ -102,11 +104,6 @@ class TableBringing:
         )
 
     @property
-    def is_busy(self) -> bool:
-        """Tell whether a table is being brought."""
-        return self._pe is not None
-
-    @property
     def next_ns(self) -> int:
         """Time in ns at which to call `tick`; NEVER_NS: nothing waits."""
         if self._transfer is not None:
@@ -120,7 +117,7 @@ class TableBringing:
         if frame.can_id in self._pe_of_heartbeat:
             self._heartbeat(self._pe_of_heartbeat[frame.can_id], frame.data)
         elif frame.can_id in self._pe_of_request:
-            self._leave(self._pe_of_request[frame.can_id], _FOR_ANOTHER_NS)
+            self._leave(self._pe_of_request[frame.can_id], FOR_ANOTHER_NS)
         elif self._pe is not None and self._pe_of_answer.get(frame.can_id) == self._pe:
             self._answered(self._pe, frame.data)
 
@@ -190,7 +187,10 @@ class TableBringing:
                 del self._heard_ns[pe]
         ready = [pe for pe in self._heard_ns if self._not_before_ns.get(pe, 0) <= now_ns]
         if self._pe is None and ready:
-            self._begin(ready[0])
+            if self._served.begin(self._node[ready[0]], now_ns):
+                self._begin(ready[0])
+            else:
+                self._not_before_ns[ready[0]] = now_ns + SHORTEST_PAUSE_NS
 
     def _begin(self, pe: str) -> None:
         del self._heard_ns[pe]
@@ -209,10 +209,11 @@ class TableBringing:
         pe, key = self._pe, self._key
         if pe is None or key is None:  # the transfer was ended, and its reader with it
             return
-        if value is None:
+        challenge = None if value is None else read_number(value)
+        if challenge is None:
             self._not_taken(pe, Outcome.FAILED, "it did not answer")
         else:
-            self._write(pe, key.sealed(self._tables[pe], read_number(value)))
+            self._write(pe, key.sealed(self._tables[pe], challenge))
 
     def _write(self, pe: str, content: bytes) -> None:
         period_ns = self._pace.period_ns(pe)
@@ -282,5 +283,7 @@ class TableBringing:
         self._begin_next()
 
     def _end(self) -> None:
+        if self._pe is not None:
+            self._served.end(self._turn.now_ns)
         self._pe, self._transfer, self._unlocked_ns = None, None, NEVER_NS
         self._reader.give_up()

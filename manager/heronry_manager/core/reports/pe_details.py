@@ -91,10 +91,10 @@ class PeDetails:
     It also counts the standstills of this manager's computer.
     """
 
-    def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
+    def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim, reader: ObjectReader) -> None:
         self._spec, self._turn, self._claim = settings.spec, turn, claim
         self._is_wanted = settings.reads_objects
-        self._reader = ObjectReader(turn.do)
+        self._reader = reader
         self.own = Standstills(settings.bus.heartbeat_ns)
         self._node = f"manager {settings.node}"
         self._again_after_ns = t_lease_ns(settings.bus.heartbeat_ns)
@@ -206,9 +206,10 @@ class PeDetails:
 
     def _why_another_table(self, digest: bytes | None, version: bytes | None) -> str:
         anew = "write it anew with 'heronry table', and restart the PE"
-        if digest is None or version is None:
+        number = None if version is None else read_number(version)
+        if digest is None or number is None:
             return f"{ANOTHER_TABLE}: {anew}"
-        spoken, of_spec = Version.of_number(read_number(version)), digest.decode("ascii", "replace")
+        spoken, of_spec = Version.of_number(number), digest.decode("ascii", "replace")
         if spoken.major != PROTOCOL.major:
             return (
                 f"it speaks protocol {spoken}, and this manager {PROTOCOL}: install the same major version of heronry "
@@ -306,8 +307,9 @@ class PeDetails:
         found: dict[str, int] = {}
 
         def take(key: str, value: bytes | None) -> None:
-            if value is not None:
-                found[key] = read_number(value)
+            number = None if value is None else read_number(value)
+            if number is not None:
+                found[key] = number
             if key == keys[-1][1] and len(found) == len(keys):
                 done(found)
 

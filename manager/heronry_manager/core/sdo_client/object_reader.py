@@ -6,6 +6,7 @@
     left      another SDO client has made a request to the PE (`heard_other`). The PE is left to that client until
               SILENCE_NS after the client's last request. If an object of the PE was being read, the object is read
               anew after that. Other PEs are read meanwhile
+    served    this manager brings something to the PE (`one_served`): its objects wait until that is over
     waiting   the last try gave no value, and the caller of `read` allows another try. The object is read anew after
               SILENCE_NS. Other objects are read meanwhile
 
@@ -138,6 +139,15 @@ class ObjectReader:
             self._end(reading.data, now_ns)
         else:
             self._say(segment(SEGMENT_UPLOAD | reading.toggle, b""), now_ns)
+
+    def is_reading(self, node: int) -> bool:
+        """Tell whether an object of this node is being read."""
+        return self._now is not None and self._now.node == node
+
+    def leave(self, node: int, now_ns: int) -> None:
+        """Read nothing from a node until SILENCE_NS after the next `heard_other`."""
+        self._left_until_ns[node] = NEVER_NS
+        self._begin_next(now_ns)
 
     def heard_other(self, node: int, now_ns: int) -> None:
         """Note that another client has sent a request to a PE, and leave the PE to that client for SILENCE_NS."""

@@ -64,7 +64,8 @@ def ask_tables(bus: "can.BusABC", nodes: Iterable[int]) -> Answers | None:
             sdo.RESPONSE_TIMEOUT = _ANSWER_WITHIN_S
             with suppress(SdoError):
                 digest = sdo.upload(SPEC, _DIGEST_SUB).decode("ascii", "replace")
-                told[node] = ToldTable(digest, Version.of_number(read_number(sdo.upload(SPEC, _VERSION_SUB))))
+                version = read_number(sdo.upload(SPEC, _VERSION_SUB))
+                told[node] = None if version is None else ToldTable(digest, Version.of_number(version))
     return told
 
 
