@@ -1,4 +1,4 @@
-"""Who made a bundle: ed25519 keys, the signature of a bundle, and what a bundle demands of the computer that runs it.
+"""Who made a bundle: ed25519 keys, and the signature of a bundle.
 
 The keys and their files: `bundle_keys`.
 
@@ -7,12 +7,10 @@ The keys and their files: `bundle_keys`.
 
 import hashlib
 import os
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
-from packaging.requirements import InvalidRequirement, Requirement
 
 from heronry_wire.bundle import (
     KEY_NAME_BYTES,
@@ -20,8 +18,6 @@ from heronry_wire.bundle import (
     Bundle,
     BundleError,
     ForeignBundleError,
-    Manifest,
-    this_python,
 )
 from heronry_wire.bundle_keys import PUBLIC, SECRET, read_key_file
 
@@ -83,27 +79,3 @@ def check_signature(bundle: Bundle, public: Ed25519PublicKey) -> None:
         public.verify(bundle.signature, SIGNED + bundle.archive)
     except InvalidSignature:
         raise ForeignBundleError("its signature is wrong, so it was changed after it was signed: get it anew") from None
-
-
-def check_here(manifest: Manifest) -> None:
-    """Raise ForeignBundleError where this Python, or what is installed in it, is not what a bundle needs."""
-    if manifest.python != this_python():
-        raise ForeignBundleError(
-            f"it is for Python {manifest.python}, and this is {this_python()}: build it with this one"
-        )
-    for wheel in manifest.wheels:
-        wanted = read_wheel(wheel)
-        try:
-            found = version(wanted.name)
-        except PackageNotFoundError:
-            raise ForeignBundleError(f"it needs {wheel}, which is not here: install it on this node") from None
-        if not wanted.specifier.contains(found, prereleases=True):
-            raise ForeignBundleError(f"it needs {wheel}, and {found} is here: install that version on this node")
-
-
-def read_wheel(text: str) -> Requirement:
-    """Read what a bundle needs besides its own files, as pip writes it; raises BundleError."""
-    try:
-        return Requirement(text)
-    except InvalidRequirement as error:
-        raise BundleError(f"'{text}' names no package: write it as for pip, for example numpy>=1.26") from error

@@ -19,6 +19,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
 
+import heronry_wire
 from agent.loader_bundles import bundle, signed, signing_key
 from heronry_agent.loader.folder import Folder
 from heronry_agent.loader.keeper import DISK, FINE, NOT_FOR_HERE, TOO_LARGE, WRONG, answer
@@ -313,6 +314,18 @@ def test_a_keeper_checks_what_comes_and_says_what_is_wrong(tmp_path: Path) -> No
     assert answer(path, "receive", bundle(2).content, None).problem == WRONG  # the first code is on trial
     answer(path, "confirm", b"", None)
     assert answer(path, "receive", bundle(2).content, None).problem == FINE  # without a key unsigned code is taken
+
+
+def test_code_that_need_not_be_signed_comes_without_the_package_that_checks_signatures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [one for one in sys.modules if one.split(".")[0] == "cryptography"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "heronry_wire.bundle_signing", raising=False)
+    monkeypatch.delattr(heronry_wire, "bundle_signing", raising=False)
+    assert answer(tmp_path, "receive", bundle(1).content, None).problem == FINE
+    with pytest.raises(ImportError):
+        answer(tmp_path, "receive", bundle(2).content, tmp_path / "key")
 
 
 class Full(Folder):

@@ -20,6 +20,7 @@ from heronry_agent.shell.partition import Partition
 from heronry_agent.shell.partition_messages import Save, Start, Step, Stop, decode_answer, encode_orders
 from heronry_agent.shell.partition_states import decode_state, encode_state, kept_of, state_of
 from heronry_agent.shell.time_limit import time_limit
+from heronry_wire.bundle import pack
 from heronry_wire.checkpoint_frames import Lack, SentState
 from heronry_wire.sansio import NEVER_NS
 
@@ -211,6 +212,44 @@ def test_a_class_without_a_file_has_a_digest() -> None:
         assert code_digest(type("Made", (Module,), {"__module__": "made_up"})) == code_digest(code)
     finally:
         del sys.modules["made_up"]
+
+
+def zipped(folder: Path, name: str) -> Path:
+    """A bundle with a module that has a checkpoint; partitions import from its file as it is."""
+    code = (
+        "from heronry_agent.module import Module\nclass Main(Module):\n    def save(self):\n        return (1.0,)\n"
+        "    def restore(self, state, age_ns):\n        pass\n"
+    )
+    file = folder / f"{name}.bundle"
+    file.write_bytes(pack("states", 1, (f"{name}:Main",), {f"{name}.py": code.encode()}).content)
+    return file
+
+
+def test_a_module_of_a_bundle_is_saved_and_restored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(zipped(tmp_path, "states_of_a_bundle"))
+    one, image = ModuleRunner(lambda: 0, time_limit), Orders("m", "states_of_a_bundle:Main", "only", 50_000_000, None)
+    assert one.start(M, image, 0) is None
+    saved = one.save(M, 9, 8)
+    assert isinstance(saved, StateSaved)
+    state = KeptState(SentState.of(3, 9, saved.data, saved.code), 0, NEVER_NS)
+    assert one.start(M, image, 0, state) == StateRestored(M, 0)
+
+
+def test_code_whose_file_is_gone_has_no_state_and_runs_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = zipped(tmp_path, "states_of_a_lost_bundle")
+    monkeypatch.syspath_prepend(file)
+    one, image = (
+        ModuleRunner(lambda: 0, time_limit),
+        Orders("m", "states_of_a_lost_bundle:Main", "only", 50_000_000, None),
+    )
+    assert one.start(M, image, 0) is None
+    file.unlink()
+    saved = one.save(M, 9, 8)
+    assert isinstance(saved, StateLacking)
+    assert (saved.lack, "the files of its code cannot be read" in saved.reason) == (Lack.RAISES, True)
+    again = one.start(M, image, 5 * S, kept(STATE))
+    assert isinstance(again, StateLacking)
+    assert again.lack is Lack.OTHER_CODE
 
 
 # Between agent and partition

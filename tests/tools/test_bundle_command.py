@@ -77,6 +77,13 @@ def test_a_symbolic_link_is_not_followed(capsys: pytest.CaptureFixture[str]) -> 
     assert "is a symbolic link" in refused(capsys, "bundle", "build", "code", "x.bundle", *BUILD)
 
 
+@pytest.mark.parametrize("make", [["key", "--signing", "code/here.signing"], ["key", "code/fleet.key"]])
+def test_a_secret_key_in_the_folder_is_refused(make: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(make) == 0
+    assert "holds a secret key" in refused(capsys, "bundle", "build", "code", "x.bundle", *BUILD)
+    assert not Path("x.bundle").exists()
+
+
 def test_a_folder_that_is_too_large_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with Path("code/large").open("wb") as stream:
         stream.truncate(17 << 20)

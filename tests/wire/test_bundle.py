@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_wire import bundle_signing
+from heronry_wire import bundle_needs
 from heronry_wire.bundle import (
     HEAD,
     MAGIC,
@@ -26,7 +26,8 @@ from heronry_wire.bundle import (
     pack,
     unpack,
 )
-from heronry_wire.bundle_signing import check_here, check_signature, make_signing_key, read_public_key, sign
+from heronry_wire.bundle_needs import check_here
+from heronry_wire.bundle_signing import check_signature, make_signing_key, read_public_key, sign
 
 FILES = {"est/__init__.py": b"", "est/speed.py": b"class Speed: ...\n", "est/table.csv": b"1,2\n"}
 IMAGES = ("est.speed:Speed",)
@@ -218,7 +219,7 @@ def test_another_python_and_a_missing_wheel_are_named(monkeypatch: pytest.Monkey
         check_here(made(wheels=("python-can<1",)).manifest)
     with pytest.raises(BundleError, match="names no package"):
         check_here(made(wheels=("=5=",)).manifest)
-    monkeypatch.setattr(bundle_signing, "this_python", lambda: "3.99")
+    monkeypatch.setattr(bundle_needs, "this_python", lambda: "3.99")
     with pytest.raises(ForeignBundleError, match=r"it is for Python 3\.\d+, and this is 3\.99"):
         check_here(made().manifest)
 

@@ -22,7 +22,7 @@ from heronry_wire.errors import HeronryError
 FINE, NOT_FOR_HERE, TOO_LARGE, WRONG, DISK = "", "not for here", "too large", "wrong", "disk"
 """Why an operation was not done: the bundle is not for this PE, too large or damaged; or the disk does not take it."""
 
-OPERATIONS = ("boot", "state", "receive", "start", "confirm", "revert", "clear")
+OPERATIONS = ("boot", "state", "receive", "start", "run", "rest", "confirm", "revert", "clear")
 
 
 class Answer(NamedTuple):
@@ -63,11 +63,13 @@ def answer(folder: Path, operation: str, content: bytes, key: Path | None) -> An
 
 
 def _check(bundle: Bundle, key: Path | None) -> None:
-    from heronry_wire import bundle_signing  # noqa: PLC0415 - takes 8 MB; most operations do without it
+    from heronry_wire import bundle_needs  # noqa: PLC0415 - other operations do without it
 
     if key is not None:
+        from heronry_wire import bundle_signing  # noqa: PLC0415 - takes 8 MB, and its extra is not there without a key
+
         bundle_signing.check_signature(bundle, bundle_signing.read_public_key(key))
-    bundle_signing.check_here(bundle.manifest)
+    bundle_needs.check_here(bundle.manifest)
 
 
 def _state(store: Store) -> State | None:

@@ -9,7 +9,6 @@ import inspect
 import sys
 from collections.abc import Iterator
 from hashlib import sha256
-from pathlib import Path
 from types import ModuleType
 
 from heronry_wire.checkpoint_frames import DIGEST_BYTES
@@ -19,7 +18,11 @@ _DIGESTS: dict[type, bytes] = {}
 
 
 def code_digest(code: type) -> bytes:
-    """Return the digest of a class and of the files that it is made of, 8 bytes; a class without files counts alone."""
+    """Return the digest of a class and of the files that it is made of, 8 bytes; a class without files counts alone.
+
+    A file is read by what has imported it, from a bundle too. Raises what that raises where the file is gone: OSError,
+    ImportError, EOFError or zlib.error.
+    """
     known = _DIGESTS.get(code)
     if known is None:
         known = _DIGESTS[code] = _digest(code)
@@ -43,9 +46,9 @@ def _files(code: type) -> Iterator[tuple[str, bytes]]:
         if name in seen or module is None or not is_own:
             continue
         seen.add(name)
-        file = getattr(module, "__file__", None)
-        if file is not None:
-            yield name, Path(file).read_bytes()
+        file, read = getattr(module, "__file__", None), getattr(module.__loader__, "get_data", None)
+        if file is not None and read is not None:
+            yield name, read(file)
         frontier += _imported(module)
 
 

@@ -14,6 +14,7 @@ from heronry_agent.module import Module
 from heronry_agent.shell.code_digest import code_digest
 from heronry_agent.shell.time_limit import TookTooLong
 from heronry_wire.checkpoint_frames import Lack
+from heronry_wire.errors import on_one_line
 
 NUMBER_BYTES = 8
 
@@ -43,8 +44,10 @@ class ModuleStates:
         if length > most_bytes:
             reason = f"save gives {len(given)} numbers, {length} bytes; the spec has bytes: {most_bytes}"
             return StateLacking(module, Lack.TOO_LONG, reason)
-        data = struct.pack(f"<{len(given)}d", *given)
-        return StateSaved(module, round_number, code_digest(type(code)), data)
+        digest = _digest(code)
+        if isinstance(digest, str):
+            return StateLacking(module, Lack.RAISES, digest)
+        return StateSaved(module, round_number, digest, struct.pack(f"<{len(given)}d", *given))
 
     def restore(self, module: int, code: Module, kept: KeptState | Lack, now_ns: int) -> StateRestored | StateLacking:
         """Restore the state of the module with this index, if there is one that may be used now.
@@ -56,7 +59,10 @@ class ModuleStates:
         if now_ns > kept.until_ns:
             return StateLacking(module, Lack.TOO_OLD)
         data = kept.state.data
-        if len(data) % NUMBER_BYTES or not kept.state.is_of(code_digest(type(code))):
+        digest = _digest(code)
+        if isinstance(digest, str):
+            return StateLacking(module, Lack.OTHER_CODE, digest)
+        if len(data) % NUMBER_BYTES or not kept.state.is_of(digest):
             return StateLacking(module, Lack.OTHER_CODE)
         age_ns = max(0, now_ns - kept.since_ns)
         try:
@@ -67,6 +73,14 @@ class ModuleStates:
         except Exception as error:  # noqa: BLE001 - code of a module may raise anything
             return StateLacking(module, Lack.REFUSED, self._describe(code, error))
         return StateRestored(module, age_ns)
+
+
+def _digest(code: Module) -> bytes | str:
+    """Return the digest of the code of a module, or why there is none."""
+    try:
+        return code_digest(type(code))
+    except Exception as error:  # noqa: BLE001 - what has imported the code reads it, and may be anything
+        return on_one_line(f"the files of its code cannot be read ({error}), so its state is of no known version")
 
 
 def _is_number(value: object) -> bool:

@@ -22,10 +22,10 @@ CODEC = (
     "protocol_version sansio sdo silence standard_identifiers state_frames thinning timing transmit_queue"
 )
 SHELL = (  # of the wire: the files that use sockets, interfaces and files, or a person's words
-    "__init__ arrival_times bare_can bundle bundle_keys bundle_signing bus_arguments bus_opening can_interface "
-    "clock_of_day command_parser eds frame_port interruption key_file link node_cost ordinary_file parent_death "
-    "patient_port "
-    "python_can replicated_link runtime_folder service_manager slow_opening socketcand spelling standstill"
+    "__init__ arrival_times bare_can bundle bundle_keys bundle_needs bundle_signing bus_arguments bus_opening "
+    "can_interface clock_of_day command_parser eds frame_port interruption key_file link node_cost ordinary_file "
+    "parent_death patient_port python_can replicated_link "
+    "runtime_folder service_manager slow_opening socketcand spelling standstill"
 )
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -11,12 +12,16 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_calls import unlock_pe
 from heronry_tools.console.whole_file import expect_writable, write_whole
 from heronry_tools.runtime.bundle_files import read_bundle
+from heronry_wire.authentication import KEY_BYTES
 from heronry_wire.bundle import MOST_UNPACKED, Bundle, BundleError, pack
-from heronry_wire.bundle_signing import check_signature, read_public_key, read_wheel, sign
+from heronry_wire.bundle_keys import SECRET
+from heronry_wire.bundle_needs import read_wheel
+from heronry_wire.bundle_signing import check_signature, read_public_key, sign
 from heronry_wire.bus_arguments import flagged_bus
 from heronry_wire.ordinary_file import read_ordinary
 
 _LEFT_OUT = ("__pycache__", ".git")
+_KEY = re.compile(rf"{SECRET}\b|[0-9a-f]{{{2 * KEY_BYTES}}}\s*\Z".encode())  # one that signs code, or the fleet's
 
 
 def run_build(arguments: argparse.Namespace) -> int:
@@ -104,6 +109,8 @@ def _files(folder: Path, result: Path) -> Iterator[tuple[str, bytes]]:
             content = read_ordinary(path, left + 1)
         except OSError as error:
             raise UserError(f"{path}: {error.strerror}; leave it out of the folder") from error
+        if _KEY.match(content):
+            raise UserError(f"{path} holds a secret key, which no bundle may carry: keep it out of the folder")
         left -= len(content)
         if left < 0:
             raise UserError(f"{folder} has more than {MOST_UNPACKED} bytes in its files: leave files out")
