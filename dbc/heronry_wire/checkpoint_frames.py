@@ -13,6 +13,8 @@ The CRC is that of OpenPGP (RFC 4880, section 6.1: generator 864CFBh) with the s
 module's code (8 bytes), bytes 0 and 1 of the frames, and the state. So a state of another version of the code has a
 wrong CRC, although the version is not sent.
 
+A round of frame 0 alone, with the length 0, carries the empty state: the states that were sent before are void.
+
 *Assembly.* CAN keeps the frames of one identifier in their order. So the receiver takes frame 0, and then only the
 next frame of the same round:
 
@@ -185,6 +187,6 @@ class Assembly:
         parts = b"".join([frame[3:] for frame in self._frames[1:]])
         self._whole, self._whole_ns = round_number, self._begun_ns
         self._frames.clear()
-        if not 0 < length <= MOST_STATE_BYTES or any(parts[length:]):
+        if length > MOST_STATE_BYTES or any(parts[length:]):
             return None
         return SentState(number, round_number, parts[:length], crc)

@@ -22,16 +22,19 @@ from agent.one_pe import (
     neighbour_state,
     sent,
 )
+from heronry_agent.core.checkpoints.checkpoints import TRIAL_NS
 from heronry_agent.core.vocabulary import (
     Action,
+    DriveFailed,
     KeptState,
     Note,
+    PartitionEnded,
     SaveState,
     StartModule,
     StateLacking,
     StateRestored,
     StateSaved,
-    StepFailed,
+    StateUnused,
     StepModule,
 )
 from heronry_wire.checkpoint_frames import Lack, SentState
@@ -106,7 +109,7 @@ def test_after_a_pause_one_state_is_saved_and_the_grid_stays() -> None:
 def saved(pe: OnePe, data: bytes = bytes(16)) -> list[Action]:
     """Let the module answer its last order."""
     last = [action for _, action in pe.done if isinstance(action, SaveState)][-1]
-    return pe.give(StateSaved(CONTROL, last.round, CODE, data))
+    return pe.give(StateSaved(CONTROL, last.round, CODE, data, pe.now_ns))
 
 
 def test_the_frames_of_a_state_are_sent_one_by_one() -> None:
@@ -121,6 +124,42 @@ def test_the_frames_of_a_state_are_sent_one_by_one() -> None:
     assert frames == [(place * MS, frame) for place, frame in enumerate(state.frames(NODE))]
     until = [action.until_ns for _, action in pe.done if isinstance(action, Send) and action.frame.can_id == OWN]
     assert until == [begun_ns + place * MS + WAIT_NS for place in range(5)]
+
+
+@pytest.mark.parametrize(("pause_ns", "places"), [(3 * MS, [0, 1, 2, 3, 4]), (8 * MS, [])])
+def test_frames_that_are_late_are_made_up_for_or_cut_off(pause_ns: int, places: list[int]) -> None:
+    pe = controlling()
+    pe.pass_time(0)
+    saved_ns = pe.now_ns
+    pe.now_ns += pause_ns
+    pe.give(StateSaved(CONTROL, 0, CODE, bytes(16), saved_ns))
+    pe.pass_time(20 * MS)
+    sends = [(at_ns, a) for at_ns, a in pe.done if isinstance(a, Send) and a.frame.can_id == OWN]
+    assert [a.frame.data[2] for _, a in sends] == places
+    assert [a.until_ns for _, a in sends] == [saved_ns + place * MS + WAIT_NS for place in places]
+
+
+@pytest.mark.parametrize("says_ns", [0, 10**18])
+def test_a_partition_that_tells_a_wrong_time_of_a_state_is_not_believed(says_ns: int) -> None:
+    pe = controlling()
+    pe.pass_time(0)
+    asked_ns = pe.now_ns
+    pe.now_ns += 2 * MS
+    pe.give(StateSaved(CONTROL, 0, CODE, bytes(8), says_ns))
+    (first, *_) = [a for a in pe.give(Tick()) if isinstance(a, Send) and a.frame.can_id == OWN]
+    assert first.until_ns == WAIT_NS + (asked_ns if not says_ns else pe.now_ns)
+
+
+def test_after_a_pause_in_a_round_the_frames_that_are_due_follow_at_once() -> None:
+    pe = controlling()
+    pe.pass_time(0)
+    saved(pe, bytes(24))
+    pe.give(Tick())
+    pe.now_ns += 3 * MS
+    assert [frame.data[2] for frame in sent(pe.give(Tick()), OWN)] == [1, 2, 3]
+    pe.now_ns += 6 * MS
+    assert sent(pe.give(Tick()), OWN) == []
+    assert sent(pe.pass_time(20 * MS), OWN) == []
 
 
 def test_the_next_state_cuts_off_the_frames_of_the_last_one() -> None:
@@ -154,10 +193,10 @@ def test_a_pe_that_may_have_been_replaced_sends_no_state() -> None:
 
 def test_an_answer_to_another_order_is_dropped() -> None:
     pe = controlling()
-    pe.give(StateSaved(CONTROL, 0, CODE, bytes(8)))  # before any order
+    pe.give(StateSaved(CONTROL, 0, CODE, bytes(8), 0))  # before any order
     pe.pass_time(0)
-    pe.give(StateSaved(CONTROL, 3, CODE, bytes(8)))
-    pe.give(StateSaved(MONITOR, 0, CODE, bytes(8)))  # has no checkpoint
+    pe.give(StateSaved(CONTROL, 3, CODE, bytes(8), 0))
+    pe.give(StateSaved(MONITOR, 0, CODE, bytes(8), 0))  # has no checkpoint
     assert counted(pe, "stale answer") == 3
     saved(pe)
     saved(pe)
@@ -219,23 +258,129 @@ def test_a_module_without_a_checkpoint_is_asked_for_none() -> None:
     assert orders(pe.pass_time(1_000 * MS)) == []
 
 
-def test_a_module_that_is_restarted_goes_on_from_its_own_state_once() -> None:
-    restarts = replace(STATES, modules=tuple(replace(one, restarts=3) for one in TABLE.modules))
-    pe = OnePe(restarts)
+RESTARTS = replace(STATES, modules=tuple(replace(one, restarts=3) for one in TABLE.modules))
+
+
+def fails(pe: OnePe) -> list[Action]:
+    """Let the module fail, and start it anew."""
+    return pe.give(DriveFailed(CONTROL, "no number")) + pe.fly(150 * MS, epoch=7, digest=1007)
+
+
+def restarted() -> tuple[OnePe, KeptState]:
+    """A PE on which the module has failed and goes on from its state, which it has saved in its first step."""
+    pe = OnePe(RESTARTS)
     pe.configure(CONTROLLING, 7)
+    pe.hear(neighbour_state(7))
     pe.pass_time(0)
-    asked_ns = pe.now_ns
     saved(pe, b"my state")
+    pe.pass_time(10 * MS)
+    (state,) = starts(fails(pe))
+    assert isinstance(state, KeptState)
+    pe.give(StateRestored(CONTROL, 0))
+    return pe, state
 
-    def fails() -> list[Action]:
-        pe.now_ns = pe.core.modules.schedule.next_ns
-        (step,) = (a for a in pe.core.step(pe.now_ns, Tick()) if isinstance(a, StepModule))
-        return pe.give(StepFailed(CONTROL, step.release, "ValueError")) + pe.pass_time(500 * MS)
 
-    ((kept,), (second,)) = starts(fails()), starts(fails())
-    state = SentState.of(KEPT.number, 0, b"my state", CODE)
-    assert kept == KeptState(state, asked_ns, asked_ns + MAX_AGE_NS)
-    assert second is Lack.NO_STATE
+def test_a_module_that_is_restarted_goes_on_from_its_own_state() -> None:
+    pe, state = restarted()
+    assert state.state == SentState.of(KEPT.number, 0, b"my state", CODE)
+    assert state.until_ns - state.since_ns == MAX_AGE_NS
+    pe.configure(MONITORING, 8)
+    assert starts(pe.configure(CONTROLLING, 9)) == [Lack.NO_STATE]  # no start uses it again
+
+
+@pytest.mark.parametrize("saves", [False, True])
+def test_a_module_that_fails_soon_after_its_start_from_a_state_starts_without_one(saves: bool) -> None:
+    pe, _ = restarted()
+    if saves:
+        saved(pe, b"no better")
+    actions = fails(pe) + pe.pass_time(500 * MS)
+    assert starts(actions) == [Lack.NO_STATE]
+    assert voids(actions) == 1
+    words = "the states of module control are discarded: one of them may make it fail"
+    assert words in [action.text for action in actions if isinstance(action, Note)]
+
+
+def test_a_partition_that_dies_while_a_state_is_restored_costs_the_state() -> None:
+    pe = OnePe(RESTARTS)
+    pe.hear(*heard_state(1, b"state"))
+    (state,) = starts(pe.configure(CONTROLLING, 7))
+    assert isinstance(state, KeptState)
+    partition = RESTARTS.modules[CONTROL].partition
+    actions = pe.give(PartitionEnded(partition, "killed by SIGSEGV", None)) + pe.pass_time(0)
+    assert starts(actions) == [Lack.NO_STATE]
+
+
+@pytest.mark.parametrize(("more_ns", "is_cold"), [(-10 * MS, True), (10 * MS, False)])
+def test_a_module_that_fails_after_its_trial_goes_on_from_the_newest_state(more_ns: int, is_cold: bool) -> None:
+    pe = OnePe(RESTARTS)
+    pe.hear(*heard_state(1, b"state"))
+    pe.configure(CONTROLLING, 7)
+    pe.give(StateRestored(CONTROL, 0))
+    pe.pass_time(TRIAL_NS + more_ns)
+    saved(pe, b"newest")
+    (state,) = starts(fails(pe))
+    assert isinstance(state, Lack) is is_cold
+    assert isinstance(state, Lack) or state.state.data == b"newest"
+
+
+def voids(actions: list[Action]) -> int:
+    """Count the empty states that are sent."""
+    return sum(frame.data[2:5] == bytes(3) for frame in sent(actions, OWN))
+
+
+def test_a_module_that_fails_twice_starts_without_a_state_and_one_that_is_given_up_leaves_none() -> None:
+    pe = OnePe(replace(STATES, modules=tuple(replace(one, restarts=2) for one in TABLE.modules)))
+    pe.configure(CONTROLLING, 7)
+    found = []
+    for _ in range(3):
+        pe.fly(TRIAL_NS + 200 * MS, epoch=7, digest=1007)
+        saved(pe, b"state")
+        actions = fails(pe)
+        found.append((*map(type, starts(actions)), voids(actions)))
+    assert found == [(KeptState, 0), (Lack, 1), (1,)]
+
+
+def test_a_module_that_takes_too_long_leaves_no_state() -> None:
+    pe = controlling()
+    pe.spent_ns = 10**9
+    assert voids(pe.fly(1_000 * MS, epoch=7, digest=1007)) == 1
+
+
+def test_a_state_that_the_module_has_refused_is_not_blamed_for_what_follows() -> None:
+    pe = OnePe(RESTARTS)
+    pe.hear(*heard_state(1, b"state"))
+    pe.configure(CONTROLLING, 7)
+    pe.give(StateLacking(CONTROL, Lack.REFUSED))
+    pe.pass_time(10 * MS)
+    saved(pe, b"the next")
+    (state,) = starts(fails(pe))
+    assert isinstance(state, KeptState)
+
+
+def test_an_object_that_goes_on_leaves_the_state_for_the_next_start() -> None:
+    pe = OnePe(STATES)
+    pe.hear(*heard_state(1, b"state"))
+    first = starts(pe.configure(CONTROLLING, 7))
+    pe.give(StateUnused(CONTROL))
+    pe.configure(MONITORING, 8)
+    assert starts(pe.configure(CONTROLLING, 9)) == first
+
+
+def test_an_empty_state_makes_those_before_void() -> None:
+    pe = OnePe(STATES)
+    pe.hear(*heard_state(1, b"state"), *heard_state(2, b"", FAR))
+    assert starts(pe.configure(CONTROLLING, 7)) == [Lack.NO_STATE]
+
+
+def test_a_newer_state_is_not_replaced_by_an_older_one() -> None:
+    pe = OnePe(STATES)
+    pe.now_ns += 300 * MS
+    pe.hear(*heard_state(1, b"newer"))
+    for frame in heard_state(1, b"older", FAR):
+        pe.give(Received(0, frame, 100 * MS))
+    (state,) = starts(pe.configure(CONTROLLING, 7))
+    assert isinstance(state, KeptState)
+    assert state.state.data == b"newer"
 
 
 def test_a_module_starts_from_the_newest_state_that_was_heard() -> None:

@@ -12,7 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.modules_with_states import Counts, Gives
-from heronry_agent.core.vocabulary import Failure, KeptState, StateLacking, StateRestored, StateSaved
+from heronry_agent.core.vocabulary import (
+    Failure,
+    KeptState,
+    StateEvent,
+    StateLacking,
+    StateRestored,
+    StateSaved,
+    StateUnused,
+)
 from heronry_agent.module import Datum, Module
 from heronry_agent.shell.code_digest import code_digest
 from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result
@@ -51,7 +59,7 @@ STATE = struct.pack("<2d", 41.0, 0.5)
 
 def test_a_state_is_saved_as_doubles_with_the_digest_of_the_code() -> None:
     saved = runner("Counts", steps=41).save(M, 9, 16)
-    assert saved == StateSaved(M, 9, code_digest(Counts), STATE)
+    assert saved == StateSaved(M, 9, code_digest(Counts), STATE, 0)
 
 
 def test_a_module_that_does_not_run_is_not_saved() -> None:
@@ -83,6 +91,24 @@ def test_what_is_no_tuple_of_finite_numbers_is_no_state(given: object, monkeypat
     saved = runner("Gives").save(M, 9, 16)
     assert isinstance(saved, StateLacking)
     assert saved.lack is Lack.NO_NUMBERS
+
+
+class Shy:
+    def __repr__(self) -> str:
+        raise RuntimeError("not me")
+
+
+class Sly(float):
+    def __float__(self) -> float:
+        raise RuntimeError("not me")
+
+
+@pytest.mark.parametrize("given", [Shy(), (Shy(),), (Sly(1.0),)])
+def test_what_cannot_be_shown_or_converted_is_no_state_either(given: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Gives, "given", given)
+    saved = runner("Gives").save(M, 9, 16)
+    assert isinstance(saved, StateLacking)
+    assert (saved.lack, "RuntimeError: not me" in saved.reason) == (Lack.RAISES, True)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +174,7 @@ def test_a_restore_that_fails_leaves_a_new_object_without_a_state(image: str) ->
 def test_a_module_that_goes_on_in_another_mode_needs_no_state() -> None:
     one = runner("Keeps", steps=3)
     one.stop(M, keep=True)
-    assert one.start(M, orders("Keeps", "other"), 5 * S, kept(STATE)) is None
+    assert one.start(M, orders("Keeps", "other"), 5 * S, kept(STATE)) == StateUnused(M)
     code = one.code(M)
     assert isinstance(code, Counts)
     assert code.count == 3
@@ -261,9 +287,17 @@ states = st.builds(
     st.integers(0, 2**62),
 )
 answers = st.one_of(
-    st.builds(StateSaved, st.integers(0, 0xFFFF), st.integers(0, 255), st.binary(min_size=8, max_size=8), st.binary()),
+    st.builds(
+        StateSaved,
+        st.integers(0, 0xFFFF),
+        st.integers(0, 255),
+        st.binary(min_size=8, max_size=8),
+        st.binary(),
+        st.integers(0, 2**62),
+    ),
     st.builds(StateRestored, st.integers(0, 0xFFFF), st.integers(0, 2**62)),
     st.builds(StateLacking, st.integers(0, 0xFFFF), st.sampled_from(Lack), st.text(max_size=100)),
+    st.builds(StateUnused, st.integers(0, 0xFFFF)),
 )
 
 
@@ -273,7 +307,7 @@ def test_a_state_for_a_start_arrives_unchanged(state: KeptState | Lack | None) -
 
 
 @given(answers)
-def test_an_answer_about_a_state_arrives_unchanged(answer: StateSaved | StateRestored | StateLacking) -> None:
+def test_an_answer_about_a_state_arrives_unchanged(answer: StateEvent) -> None:
     assert decode_state(encode_state(answer)) == answer == decode_answer(encode_state(answer))
 
 

@@ -62,6 +62,7 @@ from heronry_agent.core.vocabulary import (
     StateLacking,
     StateRestored,
     StateSaved,
+    StateUnused,
     StepFailed,
     StepMeasured,
     Stepped,
@@ -303,7 +304,7 @@ class AgentCore:
                 return
             case AtRest(module):
                 modules.rests.came(module)
-            case StateSaved() | StateRestored() | StateLacking():
+            case StateSaved() | StateRestored() | StateLacking() | StateUnused():
                 modules.checkpoints.take(event)
             case NotReady():
                 modules.not_ready(event)

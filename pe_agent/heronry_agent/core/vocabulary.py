@@ -4,7 +4,7 @@ The driver answers five of the actions; no other action has an answer:
 
     StepModule    `Stepped`, `StepFailed` or `NotReady`, or the `PartitionEnded` of the module's partition
     StartModule   `StartFailed` if the start has failed. A start that succeeds has no answer, unless the order has
-                  `kept` and the module was built: then `StateRestored` or `StateLacking`
+                  `kept`: then `StateRestored` or `StateLacking`, or `StateUnused` if the module was not built
     SaveState     `StateSaved` or `StateLacking`; none if the module does not run
     MeasureStep   `StepMeasured`
     Drive         `Driven` if the device has moved; `DriveFailed` if the device could not execute the command
@@ -66,12 +66,14 @@ class StateSaved:
     """The state of a module, as SaveState ordered it; `round` repeats that of the order.
 
     code: digest of the module's code, DIGEST_BYTES bytes. data: empty if the module has no state yet.
+    saved_ns: when `save` was called.
     """
 
     module: int
     round: int
     code: bytes
     data: bytes
+    saved_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +91,13 @@ class StateLacking:
     module: int
     lack: Lack
     reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StateUnused:
+    """A module goes on with its present object in another mode, so it needs no state."""
+
+    module: int
 
 
 class Failure(NamedTuple):
@@ -315,7 +324,7 @@ class ChannelsLost(NamedTuple):
     channels: frozenset[int]
 
 
-StateEvent = StateSaved | StateRestored | StateLacking
+StateEvent = StateSaved | StateRestored | StateLacking | StateUnused
 ModuleEvent = (  # what the host of modules reports, with what its loader reports
     Stepped
     | StepFailed

@@ -24,7 +24,14 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from heronry_agent.core.vocabulary import Failure, KeptState, StateLacking, StateRestored, StateSaved
+from heronry_agent.core.vocabulary import (
+    Failure,
+    KeptState,
+    StateLacking,
+    StateRestored,
+    StateSaved,
+    StateUnused,
+)
 from heronry_agent.module import DISAGREEMENT, Datum, Module, Value
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_agent.shell.module_states import Limit, ModuleStates
@@ -142,18 +149,18 @@ class ModuleRunner:
 
     def start(
         self, module: int, orders: Orders, now_ns: int, state: KeptState | Lack | None = None
-    ) -> Failure | StateRestored | StateLacking | None:
+    ) -> Failure | StateRestored | StateLacking | StateUnused | None:
         """Start a module: continue the object that `stop` has kept, or build a new object.
 
         The kept object continues in the new mode if the image is the same and its `mode_changed` allows this.
         state: the state from which a new object goes on, or why there is none; None: the module has no checkpoint.
 
-        Returns None, or how importing the image or building the module has failed. If a new object was built and
-        `state` is given, returns whether it goes on from the state.
+        Returns None, or how importing the image or building the module has failed. If `state` is given, returns
+        whether the module goes on from the state, if not why, or that it needs none.
         """
         held = self._kept.pop(module, None)
         if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
-            return None
+            return None if state is None else StateUnused(module)
         self._running.pop(module, None)
         missing = self.load(orders.image)
         if missing is not None:
@@ -176,7 +183,7 @@ class ModuleRunner:
         held = self._running.get(module)
         if held is None:
             return None
-        return self._states.save(module, held[0], round_number, most_bytes)
+        return self._states.save(module, held[0], round_number, most_bytes, self._clock())
 
     def _build(self, module: int, context: "_Context", image: str) -> Failure | None:
         """Make a new object of a module; returns None, or how this has failed."""

@@ -29,25 +29,29 @@ class ModuleStates:
         """Begin; `within` limits the time of a call, and `describe` tells an exception of a module in one line."""
         self._within, self._describe = within, describe
 
-    def save(self, module: int, code: Module, round_number: int, most_bytes: int) -> StateSaved | StateLacking:
+    def save(
+        self, module: int, code: Module, round_number: int, most_bytes: int, now_ns: int
+    ) -> StateSaved | StateLacking:
         """Save the state of the module with this index, at most `most_bytes` bytes; the result repeats the round."""
         try:
             with self._within():
                 given: object = code.save()
+                numbers = _numbers(given)
+                shown = f"{given!r:.60}" if numbers is None else ""
         except TookTooLong:
             return StateLacking(module, Lack.HANGS, "save takes too long")
         except Exception as error:  # noqa: BLE001 - code of a module may raise anything
             return StateLacking(module, Lack.RAISES, self._describe(code, error))
-        if not isinstance(given, tuple | list) or not all(map(_is_number, given)):
-            return StateLacking(module, Lack.NO_NUMBERS, f"save gives {given!r:.60}; return a tuple of finite numbers")
-        length = len(given) * NUMBER_BYTES
+        if numbers is None:
+            return StateLacking(module, Lack.NO_NUMBERS, f"save gives {shown}; return a tuple of finite numbers")
+        length = len(numbers) * NUMBER_BYTES
         if length > most_bytes:
-            reason = f"save gives {len(given)} numbers, {length} bytes; the spec has bytes: {most_bytes}"
+            reason = f"save gives {len(numbers)} numbers, {length} bytes; the spec has bytes: {most_bytes}"
             return StateLacking(module, Lack.TOO_LONG, reason)
         digest = _digest(code)
         if isinstance(digest, str):
             return StateLacking(module, Lack.RAISES, digest)
-        return StateSaved(module, round_number, digest, struct.pack(f"<{len(given)}d", *given))
+        return StateSaved(module, round_number, digest, struct.pack(f"<{len(numbers)}d", *numbers), now_ns)
 
     def restore(self, module: int, code: Module, kept: KeptState | Lack, now_ns: int) -> StateRestored | StateLacking:
         """Restore the state of the module with this index, if there is one that may be used now.
@@ -83,11 +87,15 @@ def _digest(code: Module) -> bytes | str:
         return on_one_line(f"the files of its code cannot be read ({error}), so its state is of no known version")
 
 
-def _is_number(value: object) -> bool:
-    """Tell whether a value is a number that a double holds."""
-    if not isinstance(value, int | float):
-        return False
+def _numbers(given: object) -> list[float] | None:
+    """Return the numbers of a state as doubles; None if it is no tuple or list of finite ones.
+
+    The types may be a module's own, so this may raise anything, and may take long.
+    """
+    if not isinstance(given, tuple | list) or not all(isinstance(value, int | float) for value in given):
+        return None
     try:
-        return math.isfinite(value)
+        numbers = [*map(float, given)]
     except OverflowError:
-        return False
+        return None
+    return numbers if all(map(math.isfinite, numbers)) else None

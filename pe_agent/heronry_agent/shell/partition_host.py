@@ -41,9 +41,7 @@ from heronry_agent.core.vocabulary import (
     SaveState,
     StartFailed,
     StartModule,
-    StateLacking,
-    StateRestored,
-    StateSaved,
+    StateEvent,
     StepFailed,
     StepMeasured,
     StepModule,
@@ -310,7 +308,7 @@ class PartitionHost:
                 process.refusals_due[module] -= 1
                 yield StartFailed(module, reason, traceback)
                 return
-            case StateSaved() | StateRestored() | StateLacking() if process.states_due[answer.module] > 0:
+            case _ if isinstance(answer, StateEvent) and process.states_due[answer.module] > 0:
                 process.states_due[answer.module] -= 1
                 yield answer
                 return

@@ -30,7 +30,7 @@ from functools import lru_cache
 from itertools import islice
 from typing import Any, NamedTuple, TypeVar
 
-from heronry_agent.core.vocabulary import StateEvent, StateLacking, StateRestored, StateSaved
+from heronry_agent.core.vocabulary import StateEvent
 from heronry_agent.module import Value
 from heronry_agent.shell.module_runner import Orders, Result
 from heronry_agent.shell.partition_states import decode_state, encode_state, is_state
@@ -205,7 +205,7 @@ def encode_answer(answer: Loaded | StartRefused | Done | Failed | StateEvent) ->
 
     Raises Uncarriable if a value cannot be sent, or if the packet would be longer than `ANSWER_BYTES`.
     """
-    if isinstance(answer, StateSaved | StateRestored | StateLacking):
+    if isinstance(answer, StateEvent):
         return encode_state(answer)
     packet = _stepped(answer) if isinstance(answer, Done) else _other(answer)
     if len(packet) > ANSWER_BYTES:

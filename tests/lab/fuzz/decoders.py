@@ -19,7 +19,7 @@ from typing import TypeVar
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.table_index import TableIndex
-from heronry_agent.core.vocabulary import StateEvent, StateLacking, StateRestored, StateSaved
+from heronry_agent.core.vocabulary import StateEvent, StateLacking, StateRestored, StateSaved, StateUnused
 from heronry_agent.shell.module_runner import Result
 from heronry_agent.shell.partition_messages import (
     Done,
@@ -345,8 +345,8 @@ def _round(state: bytes) -> bytes:
 def _packets() -> list[bytes]:
     result = Result({"a": 1.5, "b": (1, 2)}, (3, "four", b"five"), (("device:gps", 6),), ("landing",))
     said = (Loaded({"image": "missing"}), StartRefused(1, "why"), Failed(1, 2, "oops"), Done(1, 2, 3, result))
-    states = (StateSaved(1, 2, b"8 bytes.", b"state"), StateRestored(1, 5), StateLacking(1, Lack.HANGS, "why"))
-    return [encode_answer(one) for one in (*said, *states)]
+    saved, lacking = StateSaved(1, 2, b"8 bytes.", b"state", 3), StateLacking(1, Lack.HANGS, "why")
+    return [encode_answer(one) for one in (*said, saved, lacking, StateRestored(1, 5), StateUnused(1))]
 
 
 def _solution() -> messages.Solution:

@@ -16,12 +16,17 @@ from heronry_agent.core.vocabulary import (
     StateLacking,
     StateRestored,
     StateSaved,
+    StateUnused,
 )
 from heronry_wire.checkpoint_frames import Lack, SentState
 from heronry_wire.failure_text import plain_reason
+from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_PE, Command, checkpoint_id
 from heronry_wire.management import Alive, FaultCode, decode_command, without_sequence
 from heronry_wire.sansio import NEVER_NS, Received, Send
+
+TRIAL_NS = 1_000_000_000
+"""Time in ns after a start from a state in which a failure of the module is blamed on the state."""
 
 _MOST_DETAIL = 0xFFFF
 _NS_PER_MS = 1_000_000
@@ -38,6 +43,7 @@ class Checkpoints:
         self._keeping = Keeping(index.table.checkpoints, index.modules)
         self._senders: dict[int, Sender] = {}
         self._rounds: dict[int, int] = {}  # last round of each module that was stopped
+        self._trials: dict[int, int] = {}  # by module that started from a state: end of its trial
         self._alive: frozenset[int] = frozenset()
         self._named = b""  # the last ALIVE, without its sequence
         self.next_ns = NEVER_NS
@@ -66,10 +72,31 @@ class Checkpoints:
         if entry is None:
             return None
         self._senders[module] = Sender(entry, self._turn.now_ns, self._rounds.get(module, -1))
-        kept = self._keeping.take(module)
+        self._trials.pop(module, None)
+        kept = self._keeping.of(module)
         if kept is None:
             return Lack.NO_STATE
-        return Lack.TOO_OLD if self._turn.now_ns > kept.until_ns else kept
+        if self._turn.now_ns > kept.until_ns:
+            return Lack.TOO_OLD
+        self._trials[module] = self._turn.now_ns + TRIAL_NS
+        return kept
+
+    def failed(self, module: int, *, again: bool) -> None:
+        """Discard all states of a module that has failed, unless its state cannot be the cause.
+
+        It may be if the module has started from it shortly before, or (again) fails repeatedly, or is given up.
+        """
+        on_trial = self._turn.now_ns <= self._trials.pop(module, -1)
+        sender = self._senders.get(module)
+        if sender is None or not (on_trial or again):
+            return
+        self._keeping.discard(module)
+        sender.cut_off()
+        (empty,) = SentState.of(sender.entry.number, sender.next_round(), b"", b"").frames(self._index.node)
+        self._send(sender, empty, self._turn.now_ns)
+        name = self._index.modules[module].name
+        words = f"the states of module {name} are discarded: one of them may make it fail"
+        self._turn.note("checkpoint", words)
 
     def stopped(self, module: int) -> None:
         """Save and send no more states of a module."""
@@ -91,8 +118,10 @@ class Checkpoints:
                 self._saved(event)
             case StateRestored():
                 self._restored(event)
-            case StateLacking():  # pragma: no branch - nothing else is left
+            case StateLacking():
                 self._lacking(event)
+            case StateUnused(module):  # pragma: no branch - nothing else is left
+                self._trials.pop(module, None)
 
     def _saved(self, event: StateSaved) -> None:
         """Keep and send a state that was saved; one that does not answer the last order is only counted."""
@@ -108,11 +137,14 @@ class Checkpoints:
             return
         state = SentState.of(sender.entry.number, event.round, event.data, event.code)
         self._keeping.keep(sender.entry, state, asked_ns)
-        sender.send([*state.frames(self._index.node)] if sender.ports(self._alive) else (), self._turn.now_ns)
+        frames = [*state.frames(self._index.node)] if sender.ports(self._alive) else ()
+        now_ns = self._turn.now_ns
+        sender.send(frames, now_ns, min(max(event.saved_ns, asked_ns), now_ns))
         self._plan()
 
     def _restored(self, event: StateRestored) -> None:
-        """Report that a module has started from its state."""
+        """Report that a module has started from its state, which it does not use again."""
+        self._keeping.discard(event.module)
         age_ms = max(0, -(-event.age_ns // _NS_PER_MS))
         self._tell(event.module, FaultCode.STATE_RESTORED, min(age_ms, _MOST_DETAIL))
         name = self._index.modules[event.module].name
@@ -123,6 +155,8 @@ class Checkpoints:
         name = self._index.modules[event.module].name
         reason = f": {plain_reason(event.reason)}" if event.reason else ""
         if not event.lack.is_of_save:
+            self._keeping.discard(event.module)
+            self._trials.pop(event.module, None)
             self._tell(event.module, FaultCode.STATE_LACKING, event.lack)
             self._turn.note("checkpoint", f"module {name} starts without its state ({event.lack.name}){reason}")
             return
@@ -150,22 +184,25 @@ class Checkpoints:
         """Hand over the frames that are due, and repeat the reports that are due."""
         now_ns = self._turn.now_ns
         for sender in self._senders.values():
-            if sender.next_ns <= now_ns:
-                self._hand_over(sender, now_ns)
+            while sender.next_ns <= now_ns:
+                self._send(sender, *sender.next_frame())
         if self._reports.next_ns <= now_ns:
             self._turn.do(Send(self._index.uplink, self._reports.tick(now_ns)))
         self._plan()
 
-    def _hand_over(self, sender: Sender, now_ns: int) -> None:
-        until_ns = self._authorization.identifiers_until_ns(now_ns)
-        if until_ns is None:
-            sender.send((), now_ns)
+    def _send(self, sender: Sender, frame: Frame, ideal_ns: int) -> None:
+        """Send a frame that may wait for its bus from `ideal_ns` on; if that cannot be, cut off the round."""
+        now_ns, waits_ns = self._turn.now_ns, sender.entry.waits_ns
+        authorized_ns = self._authorization.identifiers_until_ns(now_ns)
+        if authorized_ns is None:
+            sender.cut_off()
             self._turn.count("checkpoint held", sender.entry.module)
             return
-        frame = sender.next_frame(now_ns)
-        waits_ns = sender.entry.waits_ns
-        ports = sender.ports(self._alive)
-        self._turn.do(*(Send(port, frame, min(until_ns, now_ns + waits_ns[port])) for port in ports))
+        until_ns = {port: min(authorized_ns, ideal_ns + waits_ns[port]) for port in sender.ports(self._alive)}
+        in_time = [Send(port, frame, limit_ns) for port, limit_ns in until_ns.items() if limit_ns >= now_ns]
+        self._turn.do(*in_time)
+        if not in_time:
+            sender.cut_off()
 
     def _tell(self, module: int, code: FaultCode, detail: int, *, once: bool = False) -> None:
         self._reports.add(module, code, detail, self._turn.now_ns, once=once)

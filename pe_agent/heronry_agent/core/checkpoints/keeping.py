@@ -44,12 +44,21 @@ class Keeping:
         return True
 
     def keep(self, entry: CheckpointEntry, state: SentState, since_ns: int) -> None:
-        """Keep a state that was saved at `since_ns` or later, in place of the one before."""
-        self._kept[entry.module] = KeptState(state, since_ns, since_ns + entry.max_age_ns)
+        """Keep a state that was saved at `since_ns` or later, unless the present one is newer; an empty one is none."""
+        if not state.data:
+            self.discard(entry.module)
+            return
+        before = self._kept.get(entry.module)
+        if before is None or since_ns >= before.since_ns:
+            self._kept[entry.module] = KeptState(state, since_ns, since_ns + entry.max_age_ns)
 
-    def take(self, module: int) -> KeptState | None:
-        """Return the state of a module, and forget it; None: there is none."""
-        return self._kept.pop(module, None)
+    def of(self, module: int) -> KeptState | None:
+        """Return the state of a module; None: there is none."""
+        return self._kept.get(module)
+
+    def discard(self, module: int) -> None:
+        """Forget the state of a module."""
+        self._kept.pop(module, None)
 
     def ways_on(self, payload: bytes, port: int, alive: frozenset[int]) -> Iterator[tuple[int, int]]:
         """Yield the ports to which a gateway forwards a frame that `heard` has taken from `port`.

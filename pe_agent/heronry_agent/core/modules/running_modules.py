@@ -200,6 +200,7 @@ class RunningModules:
             self._failed(event.module, Failure(str(error)))
         else:
             if self.schedule.overruns_now(event.module):
+                self.checkpoints.failed(event.module, again=True)
                 self._give_up(event.module, Failure("it takes longer than its period"), FaultCode.MODULE_OVERRUN)
 
     def driven(self, event: Driven) -> None:
@@ -208,8 +209,7 @@ class RunningModules:
         if running is None or not self.echoes.is_due(event.module, self._turn.now_ns):
             return
         echo = self._publisher.echo(running.entry.device or "", event.value)
-        frame = echo or self._publisher.output_echo(event.module, running.mode)
-        self._turn.do(Send(self._index.uplink, frame))
+        self._turn.do(Send(self._index.uplink, echo or self._publisher.output_echo(event.module, running.mode)))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
         """Restart or give up each module that has failed; if its module was stopped, a failed step is only counted."""
@@ -248,6 +248,7 @@ class RunningModules:
         if running is None or module in self.restarts.waiting:
             return
         times = self.restarts.failed(module, running.entry.restarts, self._turn.now_ns)
+        self.checkpoints.failed(module, again=times != 1)
         if times is None:
             self._give_up(module, failure, code)
             return
@@ -350,8 +351,7 @@ class RunningModules:
 
     def _begin(self, module: int) -> None:
         """Request that a module is built, or continues in a new mode; its first step is due now."""
-        running = self._running[module]
-        entry, mode = running.entry, running.mode
+        entry, mode = self._running[module].entry, self._running[module].mode
         self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)
         self.phase_requests.started(module, mode)
         self.silences.began(module, self._turn.now_ns)

@@ -27,7 +27,6 @@ from heronry_agent.core.vocabulary import (
     ModuleEvent,
     StartModule,
     StateEvent,
-    StateLacking,
     StateRestored,
     StateSaved,
     StepModule,
@@ -258,7 +257,7 @@ class SimulatedPe(Node):
                 self.put_off(actions[position + 1 :])
                 self._answers += [*states, answer]
                 return
-            if isinstance(answer, StateSaved | StateRestored | StateLacking):
+            if isinstance(answer, StateEvent):
                 self._tell_state(action, answer)
                 states.append(answer)
             else:
