@@ -4,6 +4,7 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -85,8 +86,10 @@ class Loop:
 
 
 @pytest.fixture
-def loop(tmp_path: Path) -> Loop:
-    return Loop(tmp_path)
+def loop(tmp_path: Path) -> Iterator[Loop]:
+    loop = Loop(tmp_path)
+    yield loop
+    loop.loader.close()
 
 
 def test_code_comes_runs_for_a_minute_and_is_kept(loop: Loop, tmp_path: Path) -> None:
@@ -169,7 +172,7 @@ def test_a_disk_that_takes_nothing_is_error_5_and_a_revert_is_repeated(loop: Loo
     loop.bring(3)
     record = tmp_path / "code" / "code.json.new"
     record.mkdir()  # the record cannot be drafted
-    assert loop.order(WriteProgram(bundle(4).content)) == [ProgramChanged(ProgramState(3, 3))]  # on trial
+    assert loop.order(WriteProgram(bundle(4).content)) == [ProgramChanged(ProgramState(3, 5))]
     loop.loader.heard(FAILURES["it raises"], loop.now_ns)
     loop.wait()
     assert loop.loader.program.version == 0

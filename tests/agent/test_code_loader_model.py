@@ -32,7 +32,7 @@ from heronry_agent.core.vocabulary import (
     StopModule,
     WriteProgram,
 )
-from heronry_agent.loader.code_loader import RETRY_NS, CodeLoader
+from heronry_agent.loader.code_loader import REST_NS, RETRY_NS, CodeLoader
 from heronry_agent.loader.folder import Folder
 from heronry_agent.loader.keeper import DISK, Answer, answer
 from heronry_agent.loader.keeper_process import KEEPER_NS, LOST, KeeperProcess
@@ -186,6 +186,28 @@ def test_what_the_disk_owes_is_asked_for_again_and_nothing_else(pe: Pe) -> None:
     assert (pe.version, pe.on_disk().tries, pe.loader.next_ns) == (3, None, NEVER_NS)
 
 
+def test_code_that_is_not_started_is_no_try_and_makes_room(pe: Pe) -> None:
+    pe.bring(2)
+    pe = Pe(pe.folder)
+    assert pe.on_disk().tries == 1
+    pe.wait(0)
+    pe.wait(REST_NS - 1)
+    assert pe.keeper.work is None
+    pe.wait(1)
+    assert (pe.answer(), pe.on_disk().tries) == ("rest", 0)
+    assert pe.loader.next_ns == NEVER_NS
+    pe.bring(3)
+    assert pe.version == 3
+    pe.order(StartModule(M, ENTRY, 0))
+    assert pe.answer("disk") == "run"
+    pe.wait(RETRY_NS)
+    assert (pe.answer(), pe.on_disk().has_run) == ("run", True)
+    pe.order(StopModule(M))
+    pe.order(WriteProgram(bundle(4).content))
+    pe.answer()
+    assert (pe.version, pe.program.error) == (3, 3)
+
+
 ANSWERS = st.sampled_from(["fine", "fine", "fine", "disk", "dies at once", "dies at the end"])
 
 
@@ -242,7 +264,7 @@ class Anything(RuleBasedStateMachine):
             self.failed.add(self.version)
             self.version, self.on_trial = self.before, False
 
-    @rule(ns=st.sampled_from([1, RETRY_NS]))
+    @rule(ns=st.sampled_from([1, RETRY_NS, REST_NS]))
     def wait(self, ns: int) -> None:
         self.pe.wait(ns)
 

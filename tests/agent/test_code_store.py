@@ -137,6 +137,7 @@ def test_versions_only_rise_and_what_has_failed_never_comes_back(tmp_path: Path)
         store.receive(bundle(1, 512).content, believe)
     store.receive(bundle(3).content, believe)
     store.start()
+    store.run()
     assert code(tmp_path) == ("3", "on trial")
     with pytest.raises(StoreError, match="on trial"):
         store.receive(bundle(4).content, believe)
@@ -164,6 +165,30 @@ def test_code_that_kills_its_agent_is_given_up_after_some_starts(tmp_path: Path)
     store.receive(bundle(2).content, believe)
     store.start()
     assert [code(tmp_path) for _ in range(MOST_TRIES + 1)] == [NEW] * MOST_TRIES + [OLD]
+
+
+def test_code_on_trial_that_no_plan_runs_is_neither_banned_nor_in_the_way(tmp_path: Path) -> None:
+    store = prepared(tmp_path)
+    store.receive(bundle(2).content, believe)
+    store.start()
+    for _ in range(2 * MOST_TRIES):
+        assert code(tmp_path) == NEW
+        store.rest()
+    store.receive(bundle(4).content, believe)
+    assert code(tmp_path) == OLD
+    assert store.start().code.version == 4
+    store.run()
+    assert [code(tmp_path) for _ in range(MOST_TRIES + 1)] == [("4", "on trial")] * MOST_TRIES + [OLD]
+
+
+def test_code_on_trial_whose_slot_the_disk_has_damaged_may_come_again(tmp_path: Path) -> None:
+    store = prepared(tmp_path)
+    store.receive(bundle(2).content, believe)
+    store.start()
+    (tmp_path / "slot-b.bundle").write_bytes(b"?")
+    assert code(tmp_path) == OLD
+    store.receive(bundle(2).content, believe)
+    assert store.start().code.version == 2
 
 
 def test_first_code_that_fails_leaves_a_pe_without_code(tmp_path: Path) -> None:
@@ -198,7 +223,12 @@ def test_a_slot_that_the_disk_has_damaged_is_not_run_and_may_be_sent_again(slot:
     "text",
     [
         *("", "{", "[]", '{"slots": []}', '{"slots": {"c": {}}}', '{"slots": {}, "active": "a"}', "[" * 100_000),
-        *('{"slots": {}, "tries": "x"}', '{"slots": {}, "floor": "1"}', '{"slots": {}, "more": 1}'),
+        *(
+            '{"slots": {}, "tries": "x"}',
+            '{"slots": {}, "has_run": 1}',
+            '{"slots": {}, "floor": "1"}',
+            '{"slots": {}, "more": 1}',
+        ),
     ],
 )
 def test_a_damaged_record_is_told_in_one_sentence(text: str, tmp_path: Path) -> None:
@@ -222,7 +252,7 @@ class Anything(RuleBasedStateMachine):
         self.old: int | None = None
         self.ready: int | None = None
         self.tries: int | None = None
-        self.floor, self.failed = 0, True
+        self.floor, self.failed, self.has_run = 0, True, False
 
     @rule(version=st.integers(1, 8))
     def receive(self, version: int) -> None:
@@ -232,8 +262,10 @@ class Anything(RuleBasedStateMachine):
             taken = True
         is_there = version in (self.run, self.ready)
         is_higher = version > self.floor or (version == self.floor and not self.failed)
-        assert taken is (is_there or (is_higher and self.tries is None))
-        if taken and version not in (self.run, self.ready):
+        assert taken is (is_there or (is_higher and not (self.tries is not None and self.has_run)))
+        if taken and not is_there:
+            if self.tries is not None:
+                self._back()
             self.ready = version
 
     @rule()
@@ -242,7 +274,18 @@ class Anything(RuleBasedStateMachine):
             self.store.start()
         if self.ready is not None:
             self.old, self.run, self.ready, self.tries = self.run, self.ready, None, 0
-            self.floor, self.failed = self.run, False
+            self.floor, self.failed, self.has_run = self.run, False, False
+
+    @rule()
+    def first_start_of_a_module(self) -> None:
+        self.store.run()
+        self.has_run = self.tries is not None
+
+    @rule()
+    def rest(self) -> None:
+        self.store.rest()
+        if self.tries is not None and not self.has_run:
+            self.tries = 0
 
     @precondition(lambda self: self.tries is not None)
     @rule()
@@ -311,6 +354,7 @@ def test_a_keeper_checks_what_comes_and_says_what_is_wrong(tmp_path: Path) -> No
         assert sentence in told.sentence
         assert "\n" not in told.sentence
     assert keep(path, "start", key=public)["path"] == str(path / "slot-a.bundle")
+    answer(path, "run", b"", None)
     assert answer(path, "receive", bundle(2).content, None).problem == WRONG  # the first code is on trial
     answer(path, "confirm", b"", None)
     assert answer(path, "receive", bundle(2).content, None).problem == FINE  # without a key unsigned code is taken

@@ -9,8 +9,9 @@ What counts follows from two things in one place (`_follow`): the record that th
 back. Code that was taken back is out of use whatever a record says, until one says that it is; the trial is always that
 of the code that counts. Until the disk has recorded it, a restart of the agent counts as one more try.
 
-What the disk still owes, the record of code that passed its trial or was taken back, is asked for again every RETRY_NS
-until an answer has it. It is computed from the state, so nothing else is ever confirmed or taken back.
+What the disk still owes is asked for again every RETRY_NS until an answer has it: that code was taken back, has passed
+its trial, or is started for the first time; or that the agent has lived for REST_NS beside code that was not started.
+It is computed from the state, so nothing else is ever confirmed or taken back.
 
     a keeper that is killed or hangs                   is told as an operation that failed; the next has the record
     an order to start code while modules of it run     is refused: what runs is never touched
@@ -44,6 +45,7 @@ from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import NEVER_NS
 
 RETRY_NS = 10_000_000_000
+REST_NS = 60_000_000_000
 _ERRORS = {FINE: 0, WRONG: 3, DISK: 5, TOO_LARGE: 6, NOT_FOR_HERE: 7}  # object 1F57h, as CiA 302-3 numbers them
 _ORDERED = ("receive", "start", "clear")  # a client waits for what becomes of them
 
@@ -71,7 +73,9 @@ class CodeLoader:
         self._taken_back = ""  # the digest of the code
         self._now: _Operation | None = None
         self._queue: deque[_Operation] = deque()
-        self._again_ns = NEVER_NS
+        self._owed, self._again_ns = "", 0
+        self._rest_ns = NEVER_NS  # when the agent has lived for long enough; known at the first call of `take`
+        self._is_started = False  # a module of the code on trial was started
         self._running: set[int] = set()
         self._trial: Trial | None = None
         self.is_changed = False  # True: partitions of the loader's modules are to be started anew
@@ -119,6 +123,7 @@ class CodeLoader:
                 self._do(_Operation("start" if is_start else "clear"), now_ns)
             case StartModule(module) if module in self._own:
                 self._running.add(module)
+                self._is_started |= self._own[module].image in self.images
             case StopModule(module):
                 self._running.discard(module)
             case EndPartition(partition):
@@ -148,8 +153,7 @@ class CodeLoader:
             if said is not None:
                 operation, self._now = self._now, None
                 events = self._done(operation, said)
-        if now_ns >= self._again_ns:
-            self._again_ns = NEVER_NS
+        self._rest_ns = min(self._rest_ns, now_ns + REST_NS)
         if self._now is None and self._queue:
             self._begin(self._queue.popleft(), now_ns)
         self._settle(now_ns)
@@ -198,6 +202,7 @@ class CodeLoader:
         elif self._trial is None or record.code != before.code:
             here = {module: entry for module, entry in self._own.items() if entry.image in self.images}
             self._trial = Trial(here, self.images, {entry.partition for entry in here.values()})
+            self._is_started = False
         if (record.code, record.active) == (before.code, before.active):
             return [ProgramChanged(self.program)]
         self.is_changed = True
@@ -209,17 +214,28 @@ class CodeLoader:
 
     def _settle(self, now_ns: int) -> None:
         """Ask the disk for what it owes, unless it was asked a moment ago."""
-        if self._taken_back:
-            owed = "revert"
-        elif self._trial is not None and self._trial.verdict is Verdict.PASSED:
-            owed = "confirm"
-        else:
-            self._again_ns = NEVER_NS
-            return
-        if self._again_ns == NEVER_NS:
-            self._again_ns = now_ns + RETRY_NS
+        owed = self._what_is_owed(now_ns)
+        if not owed:
+            rests = self._state.tries and not self._state.has_run
+            self._owed, self._again_ns = "", self._rest_ns if rests else NEVER_NS
+        elif owed != self._owed or now_ns >= self._again_ns:
+            self._owed, self._again_ns = owed, now_ns + RETRY_NS
             if all(one is None or one.name != owed for one in (self._now, *self._queue)):
                 self._do(_Operation(owed), now_ns)
+
+    def _what_is_owed(self, now_ns: int) -> str:
+        """Return the operation whose result the record lacks, or nothing."""
+        if self._taken_back:
+            return "revert"
+        if self._trial is None:
+            return ""
+        if self._trial.verdict is Verdict.PASSED:
+            return "confirm"
+        if self._state.has_run:
+            return ""
+        if self._is_started:
+            return "run"
+        return "rest" if self._state.tries and now_ns >= self._rest_ns else ""
 
     # Keepers
 

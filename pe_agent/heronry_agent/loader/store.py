@@ -5,11 +5,15 @@
     ready       the other slot, if it holds a bundle that was checked and not started yet
     before      what was active before, while the active code is on trial; None: there was none
     tries       how often the agent has started since the active code was; None: the code is confirmed
+    has_run     whether a module of the code on trial was ever started
     floor       the highest version that was ever started; a bundle must have a higher one. The bundle that has set the
                 floor may come again unless it has failed: its slot may have been damaged
 
-    receive     check, write the other slot, then: ready          not while code is on trial: its way back is kept
+    receive     check, write the other slot, then: ready          not while code on trial has run: its way back is kept;
+                                                                  code that has not run makes room for higher code
     start       before := active, active := ready, tries := 0, floor := its version
+    run         has_run := yes                                    before a module of the code on trial has done much
+    rest        tries := 0                                        the agent lives, and the code has not run
     confirm     tries := None                                     after the trial
     revert      active := before                                  the new code has failed, and never returns
     boot        tries + 1; after MOST_TRIES starts without a confirmation: revert. A slot that is damaged is left out
@@ -66,6 +70,7 @@ class State:
     ready: str | None = None
     before: str | None = None
     tries: int | None = None
+    has_run: bool = False
     floor: int = 0
     floor_digest: str = ""  # of the bundle that has set the floor; empty: it has failed
 
@@ -93,7 +98,12 @@ class State:
         named = {state.active, state.ready, state.before} - {None}
         if not named <= slots.keys() <= set(_SLOTS):
             raise _damaged("it names a slot that is not there")
-        if not (type(state.floor) is int and type(state.floor_digest) is str and type(state.tries) in (int, NoneType)):
+        if not (
+            type(state.floor) is int
+            and type(state.floor_digest) is str
+            and type(state.tries) in (int, NoneType)
+            and type(state.has_run) is bool
+        ):
             raise _damaged("it has text where a number belongs")
         return state
 
@@ -142,8 +152,10 @@ class Store:
             raise ForeignBundleError(
                 f"its version {kept.version} is not above {state.floor}, which was started here: build a higher one"
             )
-        if state.tries is not None:
+        if state.tries is not None and state.has_run:
             raise StoreError("the code on this PE is on trial: send the bundle again in a minute")
+        if state.tries is not None:
+            state = self._put(reverted(state))
         slot = next(slot for slot in _SLOTS if slot != state.active)
         state = self._put(_without(state, slot)) if slot in state.slots else state
         self._folder.draft(slot_file(slot), bundle.content)
@@ -158,12 +170,22 @@ class Store:
                 raise StoreError("there is no code to start: write a bundle into 1F50h first")
             return state
         code = state.slots[state.ready]
-        state = replace(state, active=state.ready, ready=None, before=state.active, tries=0)
+        state = replace(state, active=state.ready, ready=None, before=state.active, tries=0, has_run=False)
         return self._put(replace(state, floor=code.version, floor_digest=code.digest))
+
+    def run(self) -> State:
+        """Note that a module of the code on trial is started; no effect on code that is confirmed."""
+        state = self.state()
+        return state if state.tries is None or state.has_run else self._put(replace(state, has_run=True))
+
+    def rest(self) -> State:
+        """Note that the agent lives for a while, so that its starts were no tries of code that has not run."""
+        state = self.state()
+        return self._put(replace(state, tries=0)) if state.tries and not state.has_run else state
 
     def confirm(self) -> State:
         """Keep the active code for good."""
-        return self._put(replace(self.state(), before=None, tries=None))
+        return self._put(replace(self.state(), before=None, tries=None, has_run=False))
 
     def revert(self) -> State:
         """Let the code before the present one be active again; no effect on code that is confirmed."""
@@ -185,13 +207,13 @@ def reverted(state: State) -> State:
     """Return the state after the code on trial has failed."""
     assert state.active is not None
     kept = {slot: one for slot, one in state.slots.items() if slot != state.active}
-    return replace(state, slots=kept, active=state.before, before=None, tries=None, floor_digest="")
+    return replace(state, slots=kept, active=state.before, before=None, tries=None, has_run=False, floor_digest="")
 
 
 def _without(state: State, slot: str) -> State:
-    """Return the state without what is in a slot."""
+    """Return the state without what is in a slot; code on trial that is left out has not failed, and may come again."""
     if state.active == slot and state.tries is not None:
-        return reverted(state)
+        return replace(reverted(state), floor_digest=state.floor_digest)
     left = {other: one for other, one in state.slots.items() if other != slot}
     active, ready, before = (None if one == slot else one for one in (state.active, state.ready, state.before))
     return replace(state, slots=left, active=active, ready=ready, before=before)
