@@ -326,13 +326,31 @@ def test_a_stopped_branch_is_at_rest_when_its_process_has_taken_the_safe_action(
     assert devices.slow_to_rest == {SERVO_1}, "the other one is no real device"
     bench.until(lambda: bench.command(5.0) == 5.0)
     os.kill(bench.device.pid or 0, signal.SIGSTOP)
+    devices.look(0, PATIENCE_S * 10**9, time.monotonic_ns())
     devices.make_safe(SERVO_1, time.monotonic_ns())
     assert devices.are_moving
-    assert devices.at_rest() == []
+    assert devices.at_rest(time.monotonic_ns()) == []
     os.kill(bench.device.pid or 0, signal.SIGCONT)
     rested: list[int] = []
-    bench.until(lambda: bool(rested.extend(devices.at_rest()) or rested))
+    bench.until(lambda: bool(rested.extend(devices.at_rest(time.monotonic_ns())) or rested))
     assert (rested, bench.register()) == ([SERVO_1], "released")
+    assert not devices.are_moving
+
+
+def test_a_device_that_never_comes_to_rest_is_awaited_no_longer_than_by_the_core(bench: Bench) -> None:
+    bench.servo(is_exclusive=True)
+    devices = Devices(TABLE, dict.fromkeys(("left", "right"), RecordedDriver(left=bench.device)))  # type: ignore[dict-item, arg-type]
+    bench.until(lambda: bench.command(5.0) == 5.0)
+    os.kill(bench.device.pid or 0, signal.SIGSTOP)
+    now_ns = time.monotonic_ns()
+    devices.look(0, LEASE_NS, now_ns)
+    devices.make_safe(SERVO_1, now_ns)
+    assert devices.at_rest(now_ns + LEASE_NS - 1) == []
+    assert devices.are_moving
+    assert devices.at_rest(now_ns + LEASE_NS) == []
+    assert not devices.are_moving
+    devices.make_safe(SERVO_1, now_ns)
+    devices.begun(SERVO_1)
     assert not devices.are_moving
 
 

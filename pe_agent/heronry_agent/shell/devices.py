@@ -156,7 +156,8 @@ class Devices:
         self.slow_to_rest = frozenset(
             module.index for module in table.modules if module.demux and self._bolted_to[module.index] in self.real
         )
-        self._moving: set[int] = set()  # those of them that were stopped, and have not come to rest
+        self._moving: dict[int, int] = {}  # those of them that were stopped and still move, and until when to wait
+        self._lease_ns = 0
         self._watched = {module: device for module, device in self._bolted_to.items() if isinstance(device, Watched)}
 
     def _open(self, name: str | None) -> Device | None:
@@ -230,17 +231,25 @@ class Devices:
         device = self._bolted_to[module]
         if device is not None:
             _make_safe(device, now_ns)
-        self._moving |= self.slow_to_rest & {module}
+        if module in self.slow_to_rest:
+            self._moving[module] = now_ns + self._lease_ns
+
+    def begun(self, module: int) -> None:
+        """Note that a module starts: its device is driven again."""
+        self._moving.pop(module, None)
 
     @property
     def are_moving(self) -> bool:
         """Tell whether the device of a stopped branch of a DEMUX has not come to rest."""
         return bool(self._moving)
 
-    def at_rest(self) -> list[int]:
-        """Return the modules whose devices have taken the safe action since the last call."""
+    def at_rest(self, now_ns: int) -> list[int]:
+        """Return the modules whose devices have taken the safe action since the last call.
+
+        A device that has not done so within T_lease is forgotten, as the core does not wait longer (`rests`).
+        """
         found = [m for m in self._moving if isinstance(device := self._bolted_to[m], RealDevice) and not device.owes]
-        self._moving.difference_update(found)
+        self._moving = {m: until_ns for m, until_ns in self._moving.items() if m not in found and now_ns < until_ns}
         return found
 
     def make_all_safe(self, now_ns: int) -> None:
@@ -260,6 +269,7 @@ class Devices:
 
         exclusive_until_ns: end of the authorization of exclusive outputs, before `now_ns` if there is none.
         """
+        self._lease_ns = lease_ns
         for device in self.real:
             device.renew(exclusive_until_ns, lease_ns, now_ns)
             device.look(now_ns)

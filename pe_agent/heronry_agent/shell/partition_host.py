@@ -187,7 +187,7 @@ class PartitionHost:
         if self._ending:
             events += self._reap()
         if self._devices.are_moving:
-            events += [AtRest(module) for module in self._devices.at_rest()]
+            events += [AtRest(module) for module in self._devices.at_rest(now_ns)]
         if now_ns >= self._warm_ns and not self._load_by_ns:
             self._warm_up(now_ns)
         return events
@@ -217,6 +217,7 @@ class PartitionHost:
     def _start(self, action: StartModule, now_ns: int) -> StartFailed | None:
         name = action.entry.partition
         self._modes[action.module] = action.mode
+        self._devices.begun(action.module)
         leaves = action.entry.modes[action.mode].leaves
         self._numbers[action.module] = {leaf.path: number for number, leaf in enumerate(leaves)}
         if name not in self._processes:
