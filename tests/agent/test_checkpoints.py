@@ -221,11 +221,34 @@ def test_a_state_that_cannot_be_saved_is_told_and_tried_again_a_second_later() -
     assert orders(pe.pass_time(950 * MS)) == []
     assert len(orders(pe.pass_time(60 * MS))) == 1
     again = pe.give(StateLacking(CONTROL, Lack.RAISES)) + pe.pass_time(BEAT_NS)
-    assert told(again) == [(FaultCode.STATE_LACKING, CONTROL, Lack.RAISES)]
+    assert told(again) == []  # it is told once a second, with each try or without
     assert not [action for action in again if isinstance(action, Note)]
-    pe.pass_time(1_000 * MS)
+    assert len(told(pe.pass_time(1_000 * MS))) == 1
     saved(pe)
     assert told(pe.pass_time(1_500 * MS)) == []
+
+
+@pytest.mark.parametrize("ends", ["saved", "saved without a state", "stopped"])
+def test_that_a_state_cannot_be_saved_is_told_every_second_until_it_is_over(ends: str) -> None:
+    pe = OnePe(replace(STATES, checkpoints=(replace(KEPT, period_ns=5_000 * MS),)))
+    pe.configure(CONTROLLING, 7)
+    pe.pass_time(0)
+    lacking = pe.give(StateLacking(CONTROL, Lack.RAISES)) + pe.pass_time(4_900 * MS)
+    assert told(lacking) == [(FaultCode.STATE_LACKING, CONTROL, Lack.RAISES)] * 5
+    pe.pass_time(110 * MS)
+    if ends == "stopped":
+        pe.configure(MONITORING, 8)
+    else:
+        saved(pe, b"state" if ends == "saved" else b"")
+    assert told(pe.pass_time(4_000 * MS)) == []
+
+
+def test_a_copy_that_many_reports_delay_is_not_sent_as_another_start() -> None:
+    pe = controlling()
+    actions = pe.give(StateRestored(CONTROL, 0)) + pe.pass_time(500 * MS)
+    pe.now_ns += 3_500 * MS
+    assert len(told(actions + pe.give(Tick()))) == 1
+    assert told(pe.pass_time(4_000 * MS)) == []
 
 
 def test_a_state_that_is_longer_than_it_may_be_is_not_sent() -> None:

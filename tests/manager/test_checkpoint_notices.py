@@ -54,6 +54,16 @@ def test_the_same_report_much_later_is_another_start() -> None:
     assert [one.why for one in manager.of(events.StateLacking)] == ["no state of it was kept there"] * 2
 
 
+def test_copies_that_a_long_queue_has_delayed_are_no_other_starts() -> None:
+    manager = managing()
+    for _ in range(3):
+        manager.report("left", told(RESTORED, 180))
+        manager.pass_time(2_000_000_000)
+    assert len(manager.of(events.StateRestored)) == 1
+    (line,) = manager.core.status()["checkpoints"]
+    assert line["for_ns"] > 5_900_000_000
+
+
 def test_a_later_start_replaces_the_one_before() -> None:
     manager = managing()
     manager.report("left", told(RESTORED, 180))

@@ -3,13 +3,13 @@
 Per module the manager keeps how it has started last, where and when; the report of a later start replaces it. A state
 that cannot be saved is a notice (`module_notices`): its PE repeats it every second while this lasts.
 
-A PE sends the report of a start three times. A copy has the same detail within 3.5 s (CHANNEL_FORGOTTEN_NS), and makes
-no second event. If all three are lost, nothing is told of the start. A forged report makes a false event, and a false
+A PE sends the report of a start three times. A copy has the same detail within 3.5 s (CHANNEL_FORGOTTEN_NS) after the one
+before, and makes no second event. If all three are lost, nothing is told of the start. A forged report makes a false event, and a false
 line in the status. A manager that restarts, or takes over, knows only the starts that are reported to it. No report
 changes a plan.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from heronry_dg.model import Spec
 from heronry_manager import events
@@ -37,6 +37,7 @@ class _Start:
 
     by: str
     at_ns: int
+    told_ns: int  # when the last copy of the report came
     age_ms: int | None
     why: str | None
 
@@ -82,9 +83,10 @@ class CheckpointNotices(ModuleNotices):
     def _started(self, module: str, by: str, age_ms: int | None, why: str | None) -> None:
         before, now_ns = self._starts.get(module), self._turn.now_ns
         is_copy = before is not None and (before.by, before.age_ms, before.why) == (by, age_ms, why)
-        if before is not None and is_copy and now_ns - before.at_ns <= CHANNEL_FORGOTTEN_NS:
+        if before is not None and is_copy and now_ns - before.told_ns <= CHANNEL_FORGOTTEN_NS:
+            self._starts[module] = replace(before, told_ns=now_ns)
             return
-        self._starts[module] = _Start(by, now_ns, age_ms, why)
+        self._starts[module] = _Start(by, now_ns, now_ns, age_ms, why)
         if age_ms is not None:
             self._turn.emit(events.StateRestored, module=module, by=by, age_ms=age_ms)
         elif why is not None:  # pragma: no branch - one of the two is given

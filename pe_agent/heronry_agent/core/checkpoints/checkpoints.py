@@ -103,6 +103,7 @@ class Checkpoints:
         sender = self._senders.pop(module, None)
         if sender is not None:
             self._rounds[module] = sender.round
+            self._reports.over(module)
             self._plan()
 
     def ask(self, module: int) -> None:
@@ -133,7 +134,9 @@ class Checkpoints:
             self._lacking(StateLacking(event.module, Lack.TOO_LONG))
             return
         asked_ns, sender.asked_ns, sender.is_failing = sender.asked_ns, None, False
+        self._reports.over(event.module)
         if not event.data:
+            self._plan()
             return
         state = SentState.of(sender.entry.number, event.round, event.data, event.code)
         self._keeping.keep(sender.entry, state, asked_ns)
@@ -166,7 +169,7 @@ class Checkpoints:
         if not sender.is_failing:
             self._turn.note("checkpoint", f"the state of module {name} cannot be saved ({event.lack.name}){reason}")
         sender.failed(self._turn.now_ns)
-        self._tell(event.module, FaultCode.STATE_LACKING, event.lack, once=True)
+        self._tell(event.module, FaultCode.STATE_LACKING, event.lack, lasts=True)
 
     # The bus
 
@@ -186,8 +189,9 @@ class Checkpoints:
         for sender in self._senders.values():
             while sender.next_ns <= now_ns:
                 self._send(sender, *sender.next_frame())
-        if self._reports.next_ns <= now_ns:
-            self._turn.do(Send(self._index.uplink, self._reports.tick(now_ns)))
+        while self._reports.next_ns <= now_ns:
+            if report := self._reports.tick(now_ns):
+                self._turn.do(Send(self._index.uplink, report))
         self._plan()
 
     def _send(self, sender: Sender, frame: Frame, ideal_ns: int) -> None:
@@ -204,8 +208,8 @@ class Checkpoints:
         if not in_time:
             sender.cut_off()
 
-    def _tell(self, module: int, code: FaultCode, detail: int, *, once: bool = False) -> None:
-        self._reports.add(module, code, detail, self._turn.now_ns, once=once)
+    def _tell(self, module: int, code: FaultCode, detail: int, *, lasts: bool = False) -> None:
+        self._reports.add(module, code, detail, self._turn.now_ns, lasts=lasts)
         self._plan()
 
     def _plan(self) -> None:
