@@ -3,10 +3,10 @@
 Per module the manager keeps how it has started last, where and when; the report of a later start replaces it. A state
 that cannot be saved is a notice (`module_notices`): its PE repeats it every second while this lasts.
 
-A PE sends the report of a start three times. A copy has the same detail within 3.5 s (CHANNEL_FORGOTTEN_NS) after the one
-before, and makes no second event. If all three are lost, nothing is told of the start. A forged report makes a false event, and a false
-line in the status. A manager that restarts, or takes over, knows only the starts that are reported to it. No report
-changes a plan.
+A PE sends the report of a start three times. A copy has the same detail within 3.5 s (CHANNEL_FORGOTTEN_NS) after the
+one before, and makes no second event. If all three are lost, nothing is told of the start. A forged report makes a
+false event, and a false line in the status. A manager that restarts, or takes over, knows only the starts that are
+reported to it. No report changes a plan.
 """
 
 from dataclasses import dataclass, replace

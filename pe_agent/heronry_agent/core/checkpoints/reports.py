@@ -1,8 +1,9 @@
 """What this PE reports of the states of its modules, by EMCY, for the events and the status of the manager.
 
     STATE_RESTORED   the module has started from its state. Sent three times, once a second
-    STATE_LACKING    the module has started without a state: likewise. Or its state cannot be saved: once a second, until
-                     it is saved or the module stops, since the manager forgets what is not repeated (`module_notices`)
+    STATE_LACKING    the module has started without a state: likewise. Or its state cannot be saved: once a second,
+                     until it is saved or the module stops, since the manager forgets what is not repeated
+                     (`module_notices`)
 
 One report is sent in a heartbeat period, so that with a key the next page 0 proves it (`Faults.announce`). No manager
 acknowledges it, so it is sent more than once. A later report of the module replaces those that wait. If many reports
@@ -49,7 +50,7 @@ class StateReports:
         return max(self._free_ns, self._reports[0].due_ns) if self._reports else NEVER_NS
 
     def add(self, module: int, code: FaultCode, detail: int, now_ns: int, *, lasts: bool) -> None:
-        """Report something of a module in place of what waits of it: three times or, if it `lasts`, until it is over."""
+        """Report something in place of what waits of the module: three times or, if it `lasts`, until it is over."""
         report = _Report(now_ns, module, code, detail, _LASTS if lasts else _TIMES)
         if lasts and any(one._replace(due_ns=now_ns) == report for one in self._reports):
             return
