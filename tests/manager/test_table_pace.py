@@ -69,6 +69,21 @@ def test_data_and_transfer_stay_below_the_load_that_the_bus_may_have() -> None:
     assert manager.core._known.bringing._pace.period_ns(PE) == periods_ns(1_000_000)[5]
 
 
+def test_foreign_frames_count_in_that_load() -> None:
+    others = ", foreign: [{identifier: 2000, bytes: 8, period_ms: 0.225}]"  # 135 bits: six tenths; the data need 0.3 %
+    manager = flying(1_000_000, 50, others)
+    assert manager.core._known.bringing._pace.period_ns(PE) == periods_ns(1_000_000)[2]  # 5 %, not 10 % or 20 %
+
+
+@pytest.mark.parametrize(("checkpoint", "at"), [("", 0), (", checkpoint: {bytes: 360, hz: 2, max_age_ms: 1500}", 1)])
+def test_checkpoints_count_in_that_load(checkpoint: str, at: int) -> None:
+    text = SPEC_TEXT.replace("{bitrate: 1000000}", "{bitrate: 1000000, max_load: 0.31}")
+    text = text.replace("rate_hz: 40}", f"rate_hz: 40{checkpoint}}}", 1)
+    manager = OneManager(loads(text, "two_tails.dg.yaml"), brings_tables=True)
+    manager.start()
+    assert manager.core._known.bringing._pace.period_ns(PE) == periods_ns(1_000_000)[at]
+
+
 def deploy(manager: OneManager) -> None:
     """Let the PEs that live stage and run what is prepared."""
     for pe in manager.running:

@@ -5,8 +5,8 @@ other equipment do (`foreign`), under the SDO identifiers of their PE. The perio
 longer than LONGEST_NS, with which
 
     - no datum of the running configuration can miss its deadline on any bus
-    - data and transfer together stay below `max_load` without the reserve of management, on each bus on the way to the
-      PE, and within what is left of a radio
+    - data, checkpoints, foreign frames and transfer together stay below `max_load` without the reserve of management,
+      on each bus on the way to the PE, and within what is left of a radio
 
 While nothing runs, the shortest period is used, and while something unknown runs, or a configuration is on its way,
 none. The routes are those of a system without faults, so a datum counts on each bus that it may cross.
@@ -14,14 +14,16 @@ none. The routes are those of a system without faults, so a datum counts on each
 The analysis takes about a millisecond; its result is kept until another configuration runs.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
 
+from heronry_dg.checkpoints import loads_mbit_per_s
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Bus, Foreign, Spec
 from heronry_dg.response_times import ResponseTimes
-from heronry_dg.situation import Situation, survivors
+from heronry_dg.situation import Situation, room_mbit_per_s, survivors
 from heronry_dg.traffic import Hop, bus_loads_mbit_per_s, hops
 from heronry_manager.core.epochs import Deployment
 from heronry_manager.core.situation import KnownSituation
@@ -69,19 +71,17 @@ class Pace:
         if self._found is None or self._found[0] is not configuration or self._found[1:3] != (pe, limits):
             running = () if configuration is None else hops(self._all_up, configuration)
             way = self.way(pe)
-            fits = (one for one in _periods_ns(way) if self._is_harmless(running, pe, way, limits, one))
+            loads = Counter(bus_loads_mbit_per_s(self._spec, running))
+            loads.update({} if configuration is None else loads_mbit_per_s(self._all_up, configuration))
+            room = {bus.name: room_mbit_per_s(bus, limits.get(f"bus:{bus.name}", Fraction(1))) for bus in way}
+            free = min(room[bus] - loads[bus] for bus in room)
+            fits = (one for one in _periods_ns(way) if _takes(one) <= free and self._is_harmless(running, pe, way, one))
             self._found = configuration, pe, limits, next(fits, None)
         return self._found[3]
 
-    def _is_harmless(
-        self, running: tuple[Hop, ...], pe: str, way: list[Bus], limits: Mapping[str, Fraction], period_ns: int
-    ) -> bool:
+    def _is_harmless(self, running: tuple[Hop, ...], pe: str, way: list[Bus], period_ns: int) -> bool:
+        """Tell whether no datum misses its deadline beside a transfer with this period."""
         spec, node = self._spec, self._spec.pes[pe].node_id
-        loads, more = bus_loads_mbit_per_s(spec, running), 1000 * _FRAMES * worst_bits(MESSAGE_BYTES) * _NS_PER_S
-        for bus in way:
-            room = 1000 * bus.bitrate * (bus.max_load - bus.reserve) * limits.get(f"bus:{bus.name}", 1)
-            if loads[bus.name] + more // period_ns > room:
-                return False
         frames = tuple(
             Foreign(identifier, None, extended=False, data_bytes=MESSAGE_BYTES, period_ns=period_ns)
             for identifier in (sdo_request_id(node), sdo_response_id(node))
@@ -91,6 +91,11 @@ class Pace:
             one.meets_deadline
             for one in ResponseTimes(replace(spec, buses={**spec.buses, **loaded})).responses(running)
         )
+
+
+def _takes(period_ns: int) -> int:
+    """Return what a transfer takes of a bus, in thousandths of a bit/s."""
+    return 1000 * _FRAMES * worst_bits(MESSAGE_BYTES) * _NS_PER_S // period_ns
 
 
 def _periods_ns(way: list[Bus]) -> Iterator[int]:
