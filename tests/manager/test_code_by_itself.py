@@ -19,7 +19,7 @@ from heronry_agent.core.vocabulary import ControlProgram, ProgramState, WritePro
 from heronry_manager import events
 from heronry_manager.core.provisioning.pace import Pace
 from heronry_manager.core.settings import CodeBundle
-from heronry_manager.core.vocabulary import AskStatus, ClearElement
+from heronry_manager.core.vocabulary import AskStatus, ClearElement, FailElement, RestoreElement, RetireElement
 from heronry_wire.authentication import KEY_BYTES, Key
 from heronry_wire.canopen_objects import (
     MODULE_FAILURES,
@@ -35,6 +35,7 @@ from heronry_wire.sdo import UPLOAD, Abort, abort_message, with_data
 from lab.peers import PlayedObjects
 from manager.one_manager import MS, OneManager, two_tails
 from manager.test_operator import say
+from manager.test_table_pace import deploy
 from thoroughness import IS_WHOLE
 
 PE, NODE, MODULE = "middle", 93, "control"
@@ -124,7 +125,9 @@ class Pe:
 class Flight:
     """Three PEs that fly, one of which lacks code, and their manager."""
 
-    def __init__(self, change: Change | None = None, at: int = -1, *, error: int = 0, **more) -> None:
+    def __init__(
+        self, change: Change | None = None, at: int = -1, *, error: int = 0, lack: bool = True, **more
+    ) -> None:
         self.manager = OneManager(**{"bundles": (BUNDLE,), **more})
         self.manager.start(fly=False)
         self.pe = Pe(self.manager.now_ns, error)
@@ -132,7 +135,8 @@ class Flight:
         self.on_the_way: list[tuple[int, int, Frame]] = []
         self.order = count()
         self.sent = len(self.manager.frames)
-        self.manager.report(PE, LACK)
+        if lack:
+            self.manager.report(PE, LACK)
 
     def fly(self, until: Callable[[], bool] = lambda: False, longest_ns: int = LONGEST_NS) -> bool:
         """Fly until something holds; tells whether it came to hold."""
@@ -488,3 +492,51 @@ def test_the_transfer_of_another_client_is_not_aborted() -> None:
     flight.manager.hear(Frame(REQUEST, bytes(8)))
     flight.manager.pass_time(1_900 * MS)
     assert not [one for one in flight.manager.frames[before:] if one.can_id == REQUEST]
+
+
+PLACE = f"module:{MODULE}@{PE}"
+
+
+def latched(flight: Flight) -> dict[str, str]:
+    return {one["element"]: one["code"] for one in flight.manager.core.status()["latched"]}
+
+
+@pytest.mark.parametrize("order", [FailElement(PLACE), RetireElement(f"pe:{PE}")])
+@pytest.mark.parametrize("first", [True, False])
+def test_arriving_code_ends_no_order(order: FailElement | RetireElement, *, first: bool) -> None:
+    flight = Flight(lack=not first)
+    flight.manager.answer()
+    deploy(flight.manager)
+    say(flight.manager, order)
+    if first:
+        flight.manager.report(PE, LACK)
+    assert latched(flight) == {PLACE: "OPERATOR"}
+    assert flight.fly(flight.has_come)
+    flight.fly(longest_ns=2_000 * MS)
+    assert latched(flight) == {PLACE: "OPERATOR"}
+    assert flight.manager.core.status()["code"] == {}
+    assert len(flight.manager.of(events.CodeBrought)) == 1
+    say(flight.manager, RestoreElement(f"module:{MODULE}@{PE}" if isinstance(order, FailElement) else f"pe:{PE}"))
+    assert latched(flight) == {}
+
+
+def test_an_order_that_ends_before_the_code_comes_leaves_the_lack() -> None:
+    flight = Flight()
+    flight.manager.answer()
+    deploy(flight.manager)
+    say(flight.manager, RetireElement(f"pe:{PE}"))
+    say(flight.manager, RestoreElement(f"pe:{PE}"))
+    assert latched(flight) == {PLACE: "MODULE_MISSING"}
+    assert flight.fly(flight.has_come)
+    assert latched(flight) == {}
+
+
+@pytest.mark.parametrize("codes", [("MODULE_EXCEPTION", "MODULE_MISSING"), ("MODULE_MISSING", "MODULE_EXCEPTION")])
+def test_arriving_code_ends_no_other_fault(codes: tuple[str, str]) -> None:
+    flight = Flight(lack=False)
+    for code in codes:
+        flight.manager.report(PE, replace(LACK, code=FaultCode[code]))
+    assert flight.fly(flight.has_come)
+    assert latched(flight) == {PLACE: "MODULE_EXCEPTION"}
+    say(flight.manager, ClearElement(PLACE))
+    assert latched(flight) == {}

@@ -168,9 +168,12 @@ class OperatorOrders:
         situation, reason = self._situation, self._why_no_plan(element)
         if reason is not None:
             return Outcome(False, reason)
-        if situation.is_failed(element):
+        lacks = situation.only_lacks(element)
+        if situation.is_failed(element) and not lacks:
             return Outcome(True, f"{element} counts as failed already")
         changes = situation.latch(LatchedFault(element, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
+        if lacks:
+            return Outcome(True, f"{element} counts as failed until it is cleared, also when its code comes", changes)
         follows = self._what_follows("a plan without it is on its way")
         return Outcome(True, f"{element} counts as failed until it is cleared; {follows}", changes)
 
@@ -185,7 +188,10 @@ class OperatorOrders:
         return None
 
     def _retire(self, element: str) -> Outcome:
-        parts = [one for one in parts_of(self._spec, element) if not self._situation.is_failed(one)]
+        situation = self._situation
+        parts = [
+            one for one in parts_of(self._spec, element) if not situation.is_failed(one) or situation.only_lacks(one)
+        ]
         reason = self._why_no_plan(element) or self._why_needed(element)
         if reason is None and parts and not self._turn.silent:
             reason = self._why_not_now()
@@ -194,7 +200,7 @@ class OperatorOrders:
         if not parts:
             return Outcome(True, f"{element} is out of service already: nothing is planned there")
         for one in parts:
-            self._situation.latch(LatchedFault(one, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
+            situation.latch(LatchedFault(one, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
         then = (
             f"switch it off when 'heronry status' shows that nothing runs there; 'heronry restore {element}' ends this"
         )

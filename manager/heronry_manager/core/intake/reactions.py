@@ -94,9 +94,14 @@ class Reactions:
             self._bringing.has_another_table(pe)
 
     def code_arrived(self, element: str) -> None:
-        """End the fault of a module, or of its place, whose code was lacking, as an operator's order does."""
-        self.take(self._situation.clear(element, LOADER) or ())
-        named = self._situation.field(element)
+        """End the lack of code of a module, or of its place, as an operator's order ends a fault.
+
+        If another fault or an order stands on it, it stays down.
+        """
+        changes, named = self._situation.code_arrived(element, LOADER), self._situation.field(element)
+        if changes is None:
+            return
+        self.take(changes)
         if named is not None:
             self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *named))
 

@@ -42,7 +42,13 @@ from heronry_manager.core.situation.changes import (
     SituationChange,
 )
 from heronry_manager.core.situation.checkpoint_notices import CheckpointNotices
-from heronry_manager.core.situation.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
+from heronry_manager.core.situation.latched_faults import (
+    HELD_CODE,
+    LACK_CODE,
+    OPERATOR_CODE,
+    LatchedFault,
+    LatchedFaults,
+)
 from heronry_manager.core.situation.lost_channels import LostChannels
 from heronry_manager.core.situation.mission_phase import MissionPhase
 from heronry_manager.core.situation.module_notices import (
@@ -122,6 +128,10 @@ class KnownSituation:
     def is_failed(self, element: str) -> bool:
         """Tell whether a fault is latched on an element."""
         return element in self.failed.elements
+
+    def only_lacks(self, element: str) -> bool:
+        """Tell whether nothing but a lack of code is latched on an element."""
+        return self.failed.code(element) == LACK_CODE
 
     def element(self, emergency: Emergency) -> str | None:
         """Return the element that an EMCY names; None: the spec lacks it."""
@@ -249,9 +259,17 @@ class KnownSituation:
         """Latch a fault that a PE reports of an element, or of a module's place on this PE; gives the changes."""
         element = self.failed.where(element, pe, emergency.code)
         fault = LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns)
-        if emergency.code is FaultCode.MODULE_MISSING:
+        if fault.code == LACK_CODE:
             self._lacking[element] = fault
         return self.latch(fault)
+
+    def code_arrived(self, element: str, by: str) -> Changes | None:
+        """End the lack of code of an element; gives the changes that follow.
+
+        None: the element stays down, since another fault or an order stands.
+        """
+        self._lacking.pop(element, None)
+        return self.clear(element, by) if self.failed.code(element) in (LACK_CODE, HELD_CODE) else None
 
     def lacking_code(self) -> list[LatchedFault]:
         """Return what PEs have reported of missing code, for elements that count as failed, for whatever reason."""
@@ -407,8 +425,8 @@ class KnownSituation:
         changes: list[SituationChange] = []
         for fault in faults:
             self._turn.keep(Cleared(fault.element))
-            self._lacking.pop(fault.element, None)
-            if kind == "module" and fault.code != OPERATOR_CODE:
+            lacks = self._lacking.pop(fault.element, None) is not None
+            if kind == "module" and (lacks or fault.code != OPERATOR_CODE):
                 module, _, pe = fault.element.removeprefix("module:").partition("@")
                 changes.append(ModuleReleased(module, pe or None))
         if name in self._turn.memory.quarantined and let_in:
@@ -421,10 +439,14 @@ class KnownSituation:
     def restore(self, element: str, by: str) -> bool:
         """End a fault that the operator alone has declared on exactly this element; tells whether there was one.
 
-        A fault that a PE has reported stays, on the element and on the places of a module. The caller reports the
-        change.
+        A fault that a PE has reported stays, on the element and on the places of a module, and so does a lack of code.
+        The caller reports the change.
         """
         if not self.failed.end_order(element):
+            return False
+        lack = self._lacking.get(element)
+        if lack is not None:
+            self.latch(lack)
             return False
         self._turn.keep(Cleared(element))
         self._turn.emit(events.FaultCleared, element=element, by=by)

@@ -4,7 +4,7 @@
     latched   a PE or the operator has reported a fault: the element counts as down. Repeated reports have no
               effect, and only the operator clears the element (`clear`). If the operator has declared an element
               failed, and a PE then reports it, the report of the PE replaces the operator's: the PE may have
-              stopped the element
+              stopped the element. A lack of code gives way: any other fault, and an order, replaces it
 
 *Modules.* A module with several possible PEs has a place on each of them, `module:NAME@PE`. If it fails on one PE, its
 place there is latched, and plans use the module on other PEs (`where`). The module is down everywhere in two cases:
@@ -29,6 +29,7 @@ from heronry_wire.management import EVERYWHERE, ElementKind, FaultCode
 
 OPERATOR_CODE = "OPERATOR"  # of a fault that no PE has reported: the element goes on running until a plan leaves it out
 HELD_CODE = "HOLDS"  # of a fault that another manager announces, without the PE that has reported it
+LACK_CODE = FaultCode.MODULE_MISSING.name
 _OF_NO_PE = (OPERATOR_CODE, HELD_CODE)
 _KINDS = {kind.name.lower(): kind for kind in ElementKind}
 _FAILED_THERE = frozenset(
@@ -129,11 +130,17 @@ class LatchedFaults:
     def latch(self, fault: LatchedFault) -> bool:
         """Keep a fault, unless one is latched on the same element already; tells whether it was kept.
 
-        There are two exceptions: a PE's report replaces a fault that only the operator has reported; for a place, it
-        also replaces a fault that only another manager has announced.
+        There are three exceptions: a PE's report replaces a fault that only the operator has reported; for a place, it
+        also replaces a fault that only another manager has announced. Whoever reports a lack of code replaces no order,
+        and a lack is replaced by any other fault and by an order: they stay when the code comes.
         """
         before = self._failed.get(fault.element)
-        if before is not None:
+        if before is not None and before.code == LACK_CODE:
+            if fault.code in (LACK_CODE, HELD_CODE):
+                return False
+        elif before is not None:
+            if fault.code == LACK_CODE and before.code == OPERATOR_CODE:
+                return False
             weaker = _OF_NO_PE if is_place(fault.element) else (OPERATOR_CODE,)
             if before.code not in weaker or fault.code in _OF_NO_PE:
                 return False
