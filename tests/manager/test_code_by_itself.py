@@ -249,10 +249,8 @@ def test_a_transfer_that_was_cut_off_goes_on_where_it_was() -> None:
     assert not flight.manager.of(events.CodeNotTaken)
 
 
-@pytest.mark.parametrize(
-    ("error", "why"), [(7, "it is not for this PE"), (5, "its disk"), (63, "it gives the error 63")]
-)
-def test_a_pe_that_refuses_it_is_told_once_and_tried_less_and_less(error: int, why: str) -> None:
+@pytest.mark.parametrize(("error", "why"), [(3, "it does not take it"), (5, "its disk"), (9, "it gives the error 9")])
+def test_a_pe_that_cannot_take_it_is_told_once_and_tried_less_and_less(error: int, why: str) -> None:
     flight = Flight(error=error)
     assert not flight.fly(flight.has_come, 40_000 * MS)
     (told,) = flight.manager.of(events.CodeNotTaken)
@@ -261,6 +259,49 @@ def test_a_pe_that_refuses_it_is_told_once_and_tried_less_and_less(error: int, w
     assert f"module:{MODULE}@{PE}" in flight.manager.core.now.down
     tries = flight.messages // MESSAGES
     assert 2 <= tries <= 6
+
+
+@pytest.mark.parametrize(("error", "why"), [(6, "it is too large"), (7, "it is not for this PE")])
+def test_a_pe_that_refuses_it_is_told_once_and_tried_again_after_its_restart(error: int, why: str) -> None:
+    flight = Flight(error=error)
+    assert not flight.fly(flight.has_come, 40_000 * MS)
+    (told,) = flight.manager.of(events.CodeNotTaken)
+    assert told.why.startswith(why)
+    assert flight.messages < MESSAGES
+    flight.pe.error = 0
+    flight.manager.reboot(PE)
+    assert flight.fly(flight.has_come)
+
+
+def test_to_a_pe_with_a_newer_version_nothing_is_sent() -> None:
+    flight = Flight()
+    flight.pe.programs.changed(ProgramState(BUNDLE.version + 1))
+    assert not flight.fly(flight.has_come, 40_000 * MS)
+    (told,) = flight.manager.of(events.CodeNotTaken)
+    assert told.why == "it has version 4 of its code: build nav with a higher one"
+    assert flight.messages < 30
+
+
+def test_a_bundle_without_all_of_the_code_of_a_pe_is_not_sent_and_this_is_told_once() -> None:
+    other = replace(BUNDLE, name="tails", images=frozenset(("servo_driver_1",)))
+    flight = Flight(bundles=(BUNDLE, other))
+    flight.judge()  # nothing but `control` can run on the PE in the middle
+    flight.manager.report("left", LACK)
+    assert not flight.fly(lambda: len(flight.manager.of(events.CodeBrought)) > 1, 20_000 * MS)
+    (told,) = flight.manager.of(events.CodeNotTaken)
+    assert told.why == "no bundle holds all of its code: build one with servo_driver_1, state_estimator"
+
+
+def test_after_an_arrival_the_pauses_are_short_again() -> None:
+    flight = Flight(error=3)
+    flight.fly(longest_ns=30_000 * MS)
+    flight.pe.error = 0
+    assert flight.fly(flight.has_come)
+    flight.pe.error, flight.pe.version, before = 3, 0, flight.messages
+    flight.pe.programs.changed(ProgramState(0))
+    flight.manager.report(PE, LACK)
+    assert not flight.fly(lambda: flight.messages - before > 2 * MESSAGES, 6_000 * MS)
+    assert flight.fly(lambda: flight.messages - before > 2 * MESSAGES, 12_000 * MS)
 
 
 def test_code_that_the_pe_has_and_does_not_run_is_no_arrival() -> None:

@@ -7,6 +7,8 @@
     checking    the PE's loader works on the whole bundle (1F57h); then it is started (1F51h) and checked again
     arrived     the PE runs this version: the faults of all modules whose images the bundle holds are cleared on this
                 PE, and the planner does the rest
+    refused     the PE runs a newer version: nothing is sent. Or it has refused the bundle (errors 6 and 7): it is
+                brought it again only after it has restarted, or after the operator has cleared the fault
     paused      something has failed, or another SDO client has made a request to the PE. The pause doubles, and what
                 the PE has of the bundle is not sent again
 
@@ -16,8 +18,11 @@ With a key each write follows an UNLOCK, and a report of lacking code counts onl
 *What may go wrong.* A lost, late or doubled answer ends a step, which is done again after the pause. A forged answer
 can make a transfer fail, or clear a fault although the code is not there: the PE then reports the lack anew, before it
 stages anything. A PE that restarts has forgotten the parts, and begins anew. Code that fails on the PE is taken back
-there, and its version is refused from then on: this is told, and tried less and less often. A restart or takeover of
+there, and its version is refused from then on: this is told. A restart or takeover of
 the manager forgets all this; the PEs report what they lack to each new manager.
+
+A PE has one bundle in use, so two bundles would displace each other. It is brought only a bundle that holds all of its
+images that come in bundles; if there is none, this is told.
 
 One PE is served at a time, with a table or with code (`one_served`). Only PEs on the manager's own bus are served. No
 decision on what runs depends on anything here but the clearing of those faults.
@@ -26,6 +31,7 @@ decision on what runs depends on anything here but the clearing of those faults.
 from collections.abc import Callable
 from hashlib import sha256
 
+from heronry_dg.situation import hosts_when_all_is_up
 from heronry_dg.traffic import criticality_ranks
 from heronry_manager import events
 from heronry_manager.core.epochs import Deployment
@@ -56,6 +62,7 @@ _AFTER_UNLOCK_NS = 20_000_000  # the TAG of the UNLOCK is on the bus, and the PE
 _START = b"\x01"
 _SILENT = "it did not answer"
 _NO_ROOM = "beside what runs the bus has no room for it"
+_FOR_GOOD = (6, 7)  # of these errors: the same bundle has the same answer until the PE restarts
 _ERRORS = {
     3: "it does not take it, or not yet: its log says why",
     5: "its disk does not take it: its log says why",
@@ -98,6 +105,16 @@ class CodeBringing:
         self._not_before_ns: dict[str, int] = {}
         self._tries: dict[str, int] = {}
         self._told: dict[str, str] = {}
+        self._refused: dict[str, int | None] = {}  # by PE that has refused its bundle: its incarnation then
+        in_bundles = frozenset[str]().union(*(one.images for one in self._bundles))
+        self._needs: dict[str, frozenset[str]] = {  # by PE: its images that come in bundles
+            pe.name: in_bundles.intersection(
+                one.image
+                for one in settings.spec.modules.values()
+                if pe.name in hosts_when_all_is_up(settings.spec, one)
+            )
+            for pe in here
+        }
         self.clear: Callable[[str], None] = lambda _: None
         """Clears the fault of an element, as an operator does; the manager sets it."""
 
@@ -158,6 +175,7 @@ class CodeBringing:
         if not self._claim.is_active and (self._now is not None or self._told):
             self._end()
             self._told.clear()
+            self._refused.clear()
             self._tries.clear()
             self._not_before_ns.clear()
 
@@ -175,11 +193,18 @@ class CodeBringing:
         lacking = self._lacking()
         for pe in self._told.keys() - {one.by for one in lacking}:
             del self._told[pe]
+            self._refused.pop(pe, None)
         for fault in lacking:
             pe = fault.by
             ready_ns = max(self._not_before_ns.get(pe, 0), fault.since_ns + _AFTER_JOINING_NS)
-            bundle = self._bundle_for(self._spec.modules[_module(fault)].image)
-            if bundle is not None and ready_ns <= now_ns and self._health.is_available(pe):
+            image = self._spec.modules[_module(fault)].image
+            if image in self._needs[pe] and ready_ns <= now_ns and self._may_try(pe):
+                bundle = self._bundle_for(self._needs[pe])
+                if bundle is None:
+                    self._fail(
+                        pe, f"no bundle holds all of its code: build one with {', '.join(sorted(self._needs[pe]))}"
+                    )
+                    continue
                 if len(bundle.content) > self._spec.pes[pe].flash:
                     self._fail(
                         pe, f"{bundle.name} has {len(bundle.content)} bytes, more than its flash: leave files out"
@@ -190,16 +215,23 @@ class CodeBringing:
                     self._read(PROGRAM_VERSION, 1, self._version)
                     return
 
-    def _bundle_for(self, image: str) -> CodeBundle | None:
-        holding = [one for one in self._bundles if image in one.images]
+    def _may_try(self, pe: str) -> bool:
+        is_the_same = pe in self._refused and self._refused[pe] == self._health.incarnation(pe)
+        return self._health.is_available(pe) and not is_the_same
+
+    def _bundle_for(self, images: frozenset[str]) -> CodeBundle | None:
+        holding = [one for one in self._bundles if images <= one.images]
         return max(holding, key=lambda one: (len(one.images), one.version), default=None)
 
     # The steps of a transfer
 
     def _version(self, value: int) -> None:
         assert self._now is not None
-        if value == self._now[1].version:
+        pe, bundle = self._now
+        if value == bundle.version:
             self._arrived()
+        elif value > bundle.version:
+            self._fail(pe, f"it has version {value} of its code: build {bundle.name} with a higher one")
         else:
             self._read_raw(PROGRAM_TRANSFER, 2, self._received)
 
@@ -246,7 +278,8 @@ class CodeBringing:
         (pe, bundle), took_ns = self._now, self._turn.now_ns - self._began_ns
         self._end()
         self._told.pop(pe, None)
-        self._pause_after(pe)
+        self._tries.pop(pe, None)
+        self._not_before_ns[pe] = self._turn.now_ns + SHORTEST_PAUSE_NS
         name, version, size = bundle.name, bundle.version, len(bundle.content)
         self._turn.emit(events.CodeBrought, pe=pe, bundle=name, version=version, bytes=size, took_ns=took_ns)
         for fault in self._lacking():
@@ -265,6 +298,8 @@ class CodeBringing:
         if status & 1 and self._looks < _MOST_LOOKS:
             self._look_later(again)
         elif status:
+            if status >> 1 in _FOR_GOOD:
+                self._refused[self._now[0]] = self._health.incarnation(self._now[0])
             why = "its loader does not end its work" if status & 1 else f"it gives the error {status >> 1} of 1F57h"
             self._fail(self._now[0], _ERRORS.get(status >> 1, why))
         return not status
