@@ -1,6 +1,7 @@
 """Nodes that the spec does not have are told, and change nothing; PEs that wait for a table are in the status."""
 
 from heronry_manager import events
+from heronry_manager.core.provisioning.table_bringing import FORGOTTEN_NS as FORGOTTEN_TABLE_NS
 from heronry_manager.core.provisioning.unknown_nodes import FORGOTTEN_NS, IDLE, RUNS, WAITS
 from heronry_tools.reports.status import report
 from heronry_wire.frame import Frame
@@ -14,6 +15,10 @@ STRANGER = 101
 
 def says(manager: OneManager) -> list[tuple[int, str]]:
     return [(one["node"], one["says"]) for one in status(manager)["unknown_nodes"]]
+
+
+def told(manager: OneManager) -> list[tuple[int, str]]:
+    return [(one.node, one.says) for one in manager.of(events.UnknownNode)]
 
 
 def state(state: PeState, epoch: int = 0) -> Frame:
@@ -34,17 +39,71 @@ def test_a_node_that_is_not_in_the_spec_is_told_once_with_what_it_does() -> None
     manager.hear(Frame(heartbeat_id(STRANGER), b"\x7f"))
     assert says(manager) == [(STRANGER, IDLE)]
     manager.hear(state(PeState.ACTIVE, 7))
-    assert [(one.node, one.says) for one in manager.of(events.UnknownNode)] == [
-        (STRANGER, WAITS),
-        (STRANGER, IDLE),
-        (STRANGER, RUNS),
-    ]
+    assert says(manager) == [(STRANGER, RUNS)]
+    assert told(manager) == [(STRANGER, WAITS)]
+    for _ in range(8):
+        manager.pass_time(1_000 * MS)
+        manager.hear(state(PeState.ACTIVE, 7))
+    assert told(manager) == [(STRANGER, WAITS), (STRANGER, RUNS)]
     assert f"! node {STRANGER} is not in the spec: it {RUNS}" in list(report(status(manager)))
     assert not [one for one in manager.frames if one.can_id == sdo_request_id(STRANGER)]
     manager.pass_time(FORGOTTEN_NS + 1)
     assert says(manager) == []
     manager.hear(state(PeState.ACTIVE, 7))
-    assert len(manager.of(events.UnknownNode)) == 4
+    assert told(manager)[2:] == [(STRANGER, RUNS)]
+
+
+def test_a_device_of_another_system_does_not_wait_for_a_table() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start()
+    for byte in (b"\x05", b"\x04", b"", b"\x7f\x00"):
+        manager.hear(Frame(heartbeat_id(STRANGER), byte))
+        assert says(manager) == [(STRANGER, RUNS)]
+    manager.hear(Frame(heartbeat_id(STRANGER), b"\x00"))
+    assert says(manager) == [(STRANGER, WAITS)]
+
+
+def test_many_forged_frames_make_one_event_in_ten_seconds() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start()
+    for _ in range(100):
+        for one in (PeState.UNCONFIGURED, PeState.ACTIVE):
+            manager.hear(state(one))
+        manager.pass_time(100 * MS)
+    assert len(told(manager)) == 1
+    manager.pass_time(100 * MS)
+    manager.hear(state(PeState.ACTIVE))
+    assert len(told(manager)) == 2
+
+
+def test_a_pe_that_waited_and_is_switched_off_is_forgotten() -> None:
+    manager = OneManager(brings_tables=True)
+    manager.start(fly=False)
+    manager.die("left")
+    manager.pass_time(1_500 * MS)
+    manager.hear(Frame(heartbeat_id(92), b"\x7f"))
+    manager.pass_time(1_100 * MS)
+    assert status(manager)["tables"] == {"left": "it did not answer"}
+    manager.pass_time(FORGOTTEN_TABLE_NS)
+    assert status(manager)["tables"] == {}
+
+
+def test_a_manager_that_is_not_active_any_more_tells_of_no_pe_that_waits() -> None:
+    manager = OneManager(brings_tables=True, node=127)
+    manager.start(fly=False)
+    manager.die("left")
+    manager.pass_time(1_500 * MS)
+    manager.hear(Frame(heartbeat_id(92), b"\x7f"))
+    manager.pass_time(1_100 * MS)
+    assert status(manager)["tables"]
+    manager.running.clear()
+    for _ in range(50):  # it hears nobody, and falls silent
+        manager.pass_time(20 * MS)
+        manager.hear(Frame(heartbeat_id(92), b"\x7f"))
+        if not manager.core.is_active:
+            break
+    assert not manager.core.is_active
+    assert manager.core.status()["tables"] == {}
 
 
 def test_a_pe_that_waits_for_its_table_is_in_the_status() -> None:

@@ -12,7 +12,7 @@
               pause doubles, from SHORTEST_PAUSE_NS to LONGEST_PAUSE_NS, whether the PE has taken the table or not. Only
               a PE that is available ends this count: so a PE that takes its table and cannot fly with it is told of,
               and is brought it less and less often
-    forgotten no heartbeat has come for FORGOTTEN_NS
+    forgotten no heartbeat has come for FORGOTTEN_NS, or this manager is not active any more: nothing is told of it
 
 With a key a transfer has three steps. UNLOCK goes to the PE; its *challenge* is read (object 2024h), a number that is
 another one at each start of the PE; the table is sealed with the key and the challenge, and written. So a recorded
@@ -53,7 +53,7 @@ FORGOTTEN_NS = 3_000_000_000
 READ_NS = 2_000_000_000  # `pe_details` has read meanwhile which table it is: a PE has one SDO server
 _UNLOCK_S = 5  # a transfer that has begun may end after that time
 _AFTER_UNLOCK_NS = 20_000_000  # the TAG of the UNLOCK is on the bus, and the PE has checked it
-_WAITING = (encode_heartbeat(NmtState.INITIALISING), encode_heartbeat(NmtState.PRE_OPERATIONAL))
+WAITING = (encode_heartbeat(NmtState.INITIALISING), encode_heartbeat(NmtState.PRE_OPERATIONAL))
 _UNTOLD_LOCKS = 3  # with a key: how often a PE may not accept the UNLOCK before this is told
 _KEEPS_IT = "it keeps another table: start its agent with --node as well, or write its table anew"
 _NO_ROOM = "beside what runs the bus has no room for it"
@@ -91,6 +91,7 @@ class TableBringing:
         self._unlocked_ns = NEVER_NS  # with a key: when the UNLOCK has certainly come
         self._reader = ObjectReader(turn.do)  # of challenges
         self._heard_ns: dict[str, int] = {}  # by PE that waits: its last heartbeat
+        self._spoke_ns: dict[str, int] = {}  # by PE: its last heartbeat, whether it waits or is served
         self._not_before_ns: dict[str, int] = {}
         self._tries: dict[str, int] = {}  # since the PE was last available
         self._taken: set[str] = set()  # PEs that have taken a table, and were not available since
@@ -139,13 +140,18 @@ class TableBringing:
             self._reader.tick(now_ns)
 
     def end_of_step(self) -> None:
-        """Forget every transfer if this manager is not active any more; to be called after each event."""
+        """Forget silent PEs, and all if this manager is not active any more; to be called after each event."""
+        now_ns = self._turn.now_ns
         if self._claim.is_active:
+            for pe in [pe for pe in self._told if now_ns - self._spoke_ns.get(pe, now_ns) >= FORGOTTEN_NS]:
+                del self._told[pe]
             return
-        self._active_since_ns = self._turn.now_ns
-        if self._pe is not None or self._heard_ns:
+        self._active_since_ns = now_ns
+        if self._pe is not None or self._heard_ns or self._told or self._differs:
             self._end()
             self._heard_ns.clear()
+            self._told.clear()
+            self._differs.clear()
 
     def status(self) -> dict[str, str]:
         """Return the PEs that wait for a table, each with whether it is on its way, or why it was not taken."""
@@ -164,11 +170,12 @@ class TableBringing:
         self._differs.discard(pe)
 
     def _heartbeat(self, pe: str, data: bytes) -> None:
+        self._spoke_ns[pe] = self._turn.now_ns
         if self._health.is_available(pe):
             self._tries.pop(pe, None)
             self._told.pop(pe, None)
             self._taken.discard(pe)
-        if (data not in _WAITING and pe not in self._differs) or self._flies(pe):
+        if (data not in WAITING and pe not in self._differs) or self._flies(pe):
             self._heard_ns.pop(pe, None)
         elif self._claim.is_active and not self._turn.silent and self._pe != pe:
             self._heard_ns[pe] = self._turn.now_ns

@@ -3,16 +3,19 @@
     heard      a heartbeat or state frame has come from such a node-ID within FORGOTTEN_NS
     forgotten  none has come for so long
 
-What the node is shows in its frames: INITIALISING or PRE-OPERATIONAL and no state: it waits for a table; a state that
-is UNCONFIGURED: it has a table, and runs nothing; any other state: it runs something, so another system uses this bus.
+What the node is shows in its frames: a state that is UNCONFIGURED: it has a table, and runs nothing; any other state:
+it runs something, so another system uses this bus. Of a node without states its heartbeat says it: INITIALISING or
+PRE-OPERATIONAL: it waits for a table; any other: a device of another system.
 
-Nothing proves these frames. A forged one makes a wrong line in the status, and one event in FORGOTTEN_NS.
+Nothing proves these frames. A forged one makes a wrong line in the status. An event comes when the node says something
+else than in the last event or was forgotten, but only one in FORGOTTEN_NS.
 """
 
 from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_manager import events
+from heronry_manager.core.provisioning.table_bringing import WAITING
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import PE_NODES, heartbeat_id, state_id
@@ -33,6 +36,8 @@ class UnknownNodes:
         self._of_heartbeat = {heartbeat_id(node): node for node in nodes}
         self._of_state = {state_id(node): node for node in nodes}
         self._heard: dict[int, tuple[str, int]] = {}  # by node: what it does, and when it was heard last
+        self._state_ns: dict[int, int] = {}  # by node: when its last state came
+        self._told: dict[int, tuple[str, int]] = {}  # by node: the last event
 
     def hears(self, identifier: int) -> bool:
         """Tell whether frames with this identifier are used here."""
@@ -42,12 +47,17 @@ class UnknownNodes:
         """Note a heartbeat or a state of a node that is not in the spec; any other frame is ignored."""
         if frame.can_id in self._of_heartbeat:
             node = self._of_heartbeat[frame.can_id]
-            before, _ = self._heard.get(node, (WAITS, 0))
-            self._note(node, before)
+            now_ns = self._turn.now_ns
+            if now_ns - self._state_ns.get(node, -FORGOTTEN_NS) >= FORGOTTEN_NS:
+                self._note(node, WAITS if frame.data in WAITING else RUNS)
+            else:
+                self._note(node, self._heard[node][0])
         elif frame.can_id in self._of_state:
             page = decode_state(frame.data)
             if not isinstance(page, Malformed):
-                self._note(self._of_state[frame.can_id], IDLE if page.state is PeState.UNCONFIGURED else RUNS)
+                node = self._of_state[frame.can_id]
+                self._state_ns[node] = self._turn.now_ns
+                self._note(node, IDLE if page.state is PeState.UNCONFIGURED else RUNS)
 
     def status(self) -> list[dict[str, Any]]:
         """Return each such node that was heard within FORGOTTEN_NS: node, says (what it does), for_ns (since then)."""
@@ -60,7 +70,9 @@ class UnknownNodes:
 
     def _note(self, node: int, says: str) -> None:
         now_ns = self._turn.now_ns
-        before, heard_ns = self._heard.get(node, ("", 0))
-        if before != says or now_ns - heard_ns > FORGOTTEN_NS:
-            self._turn.emit(events.UnknownNode, node=node, says=says)
+        _, heard_ns = self._heard.get(node, ("", -FORGOTTEN_NS - 1))
+        told, told_ns = self._told.get(node, ("", -FORGOTTEN_NS - 1))
         self._heard[node] = says, now_ns
+        if now_ns - told_ns > FORGOTTEN_NS and (told != says or now_ns - heard_ns > FORGOTTEN_NS):
+            self._told[node] = says, now_ns
+            self._turn.emit(events.UnknownNode, node=node, says=says)
