@@ -342,6 +342,7 @@ OBJECTS: tuple[Entry, ...] = (
                 "Part", Type.DOMAIN, _WO, meaning="SHA-256 and length of the bundle, where this part begins, the part"
             ),
             Variable("Received", Type.DOMAIN, meaning="SHA-256 of the bundle, and how many bytes came in order"),
+            Variable("Active", Type.DOMAIN, meaning="SHA-256 of the bundle whose code runs; nothing: there is none"),
         ),
     ),
 )

@@ -49,6 +49,11 @@ RUN = StartModule(MODULE, ENTRY, 0)
 PATIENCE_S = 60
 
 
+def program(version: int, error: int = 0, *, is_at_work: bool = False) -> ProgramState:
+    """What the loader says with this version in use."""
+    return ProgramState(version, error, is_at_work, bytes.fromhex(bundle(version).digest) if version else b"")
+
+
 class Loop:
     """A loader, and the part of the agent's loop that serves it."""
 
@@ -93,8 +98,8 @@ def loop(tmp_path: Path) -> Iterator[Loop]:
 
 
 def test_code_comes_runs_for_a_minute_and_is_kept(loop: Loop, tmp_path: Path) -> None:
-    assert loop.loader.program == ProgramState(0, 0)
-    assert loop.bring(3) == [ProgramChanged(ProgramState(3, 0)), ImagesArrived(frozenset((IMAGE,)))]
+    assert loop.loader.program == program(0, 0)
+    assert loop.bring(3) == [ProgramChanged(program(3, 0)), ImagesArrived(frozenset((IMAGE,)))]
     assert loop.loader.is_changed
     assert loop.loader.path == str(tmp_path / "code" / "slot-a.bundle")
     loop.loader.ordered(RUN, loop.now_ns)
@@ -103,7 +108,7 @@ def test_code_comes_runs_for_a_minute_and_is_kept(loop: Loop, tmp_path: Path) ->
     assert loop.said[-1] == "the code has run for a minute, and is kept"
     assert Store(Folder(tmp_path / "code")).state().tries is None
     again = Loop(tmp_path)
-    assert (again.loader.program, again.said) == (ProgramState(3, 0), ["code of probe, version 3"])
+    assert (again.loader.program, again.said) == (program(3, 0), ["code of probe, version 3"])
 
 
 FAILURES = {
@@ -120,7 +125,7 @@ def test_code_that_fails_is_out_of_use_at_once(loop: Loop, how: str, tmp_path: P
     loop.loader.ordered(RUN, loop.now_ns)
     loop.loader.is_changed = False
     changed, missing = loop.loader.heard(FAILURES[how], loop.now_ns)
-    assert changed == ProgramChanged(ProgramState(0, 0))
+    assert changed == ProgramChanged(program(0, 0))
     assert isinstance(missing, ImagesMissing)
     assert list(missing.images) == [IMAGE]
     assert loop.loader.is_changed
@@ -138,9 +143,9 @@ def test_code_that_hangs_is_replaced_by_the_code_before(loop: Loop) -> None:
     loop.loader.ordered(StopModule(MODULE), loop.now_ns)
     loop.bring(4)
     loop.loader.ordered(RUN, loop.now_ns)
-    assert loop.loader.ordered(EndPartition(PARTITION), loop.now_ns) == [ProgramChanged(ProgramState(3, 0))]
+    assert loop.loader.ordered(EndPartition(PARTITION), loop.now_ns) == [ProgramChanged(program(3, 0))]
     loop.wait()
-    assert loop.order(WriteProgram(bundle(4).content)) == [ProgramChanged(ProgramState(3, 7))]
+    assert loop.order(WriteProgram(bundle(4).content)) == [ProgramChanged(program(3, 7))]
     assert "is not above 4" in loop.said[-1]
 
 
@@ -148,7 +153,7 @@ def test_code_is_not_started_while_a_module_of_it_runs(loop: Loop) -> None:
     loop.bring(3)
     loop.loader.ordered(RUN, loop.now_ns)
     assert loop.loader.runs(PARTITION)
-    assert loop.order(START) == [ProgramChanged(ProgramState(3, 7))]
+    assert loop.order(START) == [ProgramChanged(program(3, 7))]
     assert "let them run elsewhere first" in loop.said[-1]
     loop.loader.heard(PartitionEnded("C", "another one"), loop.now_ns)
     loop.loader.abandon()
@@ -161,10 +166,10 @@ def test_what_is_wrong_is_an_error_of_1f57h_and_a_sentence(tmp_path: Path) -> No
     content = signed(key, 1).content
     cases = [(bundle(1).content, 7), (content[:-1], 3), (bytes((1 << 20) + 1), 6), (content, 0)]
     for sent, error in cases:
-        assert loop.order(WriteProgram(sent)) == [ProgramChanged(ProgramState(0, error))]
+        assert loop.order(WriteProgram(sent)) == [ProgramChanged(program(0, error))]
         assert "\n" not in loop.said[-1]
-    assert loop.order(NO_START) == [ProgramChanged(ProgramState(0, 0))]
-    assert loop.order(START) == [ProgramChanged(ProgramState(0, 3))]
+    assert loop.order(NO_START) == [ProgramChanged(program(0, 0))]
+    assert loop.order(START) == [ProgramChanged(program(0, 3))]
     assert "there is no code to start" in loop.said[-1]
 
 
@@ -172,7 +177,7 @@ def test_a_disk_that_takes_nothing_is_error_5_and_a_revert_is_repeated(loop: Loo
     loop.bring(3)
     record = tmp_path / "code" / "code.json.new"
     record.mkdir()  # the record cannot be drafted
-    assert loop.order(WriteProgram(bundle(4).content)) == [ProgramChanged(ProgramState(3, 5))]
+    assert loop.order(WriteProgram(bundle(4).content)) == [ProgramChanged(program(3, 5))]
     loop.loader.heard(FAILURES["it raises"], loop.now_ns)
     loop.wait()
     assert loop.loader.program.version == 0
@@ -183,16 +188,16 @@ def test_a_disk_that_takes_nothing_is_error_5_and_a_revert_is_repeated(loop: Loo
     loop.wait()
     assert Store(Folder(tmp_path / "code")).state().code is None
     record.mkdir()
-    assert loop.order(WriteProgram(bundle(4).content)) == [ProgramChanged(ProgramState(0, 5))]
+    assert loop.order(WriteProgram(bundle(4).content)) == [ProgramChanged(program(0, 5))]
 
 
 def test_a_keeper_that_hangs_is_ended_and_told(loop: Loop) -> None:
     loop.loader.ordered(WriteProgram(bundle(1).content), loop.now_ns)
     loop.loader.ordered(NO_START, loop.now_ns)  # waits for the first one
     loop.now_ns += KEEPER_NS
-    assert loop.loader.take((), loop.now_ns) == [ProgramChanged(ProgramState(0, 5, is_at_work=True))]
+    assert loop.loader.take((), loop.now_ns) == [ProgramChanged(program(0, 5, is_at_work=True))]
     assert "ended or hung" in loop.said[-1]
-    assert loop.wait() == [ProgramChanged(ProgramState(0, 0))]
+    assert loop.wait() == [ProgramChanged(program(0, 0))]
     loop.loader.ordered(WriteProgram(bundle(1).content), loop.now_ns)
     loop.loader.close()
     assert not loop.loader.readers

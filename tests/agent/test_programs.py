@@ -59,6 +59,10 @@ class Programmer(Master):
         return int(self.sdo[0x1F56][1].raw)
 
     @property
+    def active(self) -> bytes:
+        return bytes(self.sdo.upload(0x2030, 3))
+
+    @property
     def status(self) -> int:
         return int(self.sdo[0x1F57][1].raw)
 
@@ -110,6 +114,12 @@ def test_a_master_stops_clears_writes_looks_and_starts_by_the_book(master: Progr
     assert master.orders() == [ControlProgram(is_start=True)]
     master.answer(7)
     assert (master.status, master.version, master.control.raw) == (0, 7, 1)
+
+
+def test_which_bundle_runs_is_read(master: Programmer) -> None:
+    assert master.active == b""
+    master.loader.give(ProgramChanged(ProgramState(7, digest=TRANSFER.digest)))
+    assert (master.version, master.active) == (7, TRANSFER.digest)
 
 
 def test_while_the_loader_is_at_work_nothing_is_taken(master: Programmer) -> None:

@@ -88,6 +88,7 @@ class Pe:
             (PROGRAM_VERSION, 1): self.programs.version.to_bytes(4, "little"),
             (PROGRAM_STATUS, 1): self.programs.status.to_bytes(4, "little"),
             (PROGRAM_TRANSFER, 2): self.programs.received,
+            (PROGRAM_TRANSFER, 3): self.programs.active,
         }
         return values.get((index, sub_index), Abort.NO_OBJECT)
 
@@ -119,7 +120,12 @@ class Pe:
             return
         if self.ready is not None and not self.never_starts:
             self.version = BUNDLE.version
-        self.programs.changed(ProgramState(self.version))
+        self.runs(self.version)
+
+    def runs(self, version: int, content: bytes = CONTENT) -> None:
+        """Let this code be in use."""
+        self.version = version
+        self.programs.changed(ProgramState(version, digest=sha256(content).digest() if version else b""))
 
 
 class Flight:
@@ -232,8 +238,7 @@ def test_a_pe_whose_loader_restarts_is_brought_the_rest_or_all_of_it(at: int) ->
     assert flight.fly(lambda: flight.messages > at)
     version = flight.pe.version
     flight.pe = Pe(flight.manager.now_ns)
-    flight.pe.version = version
-    flight.pe.programs.changed(ProgramState(version))
+    flight.pe.runs(version)
     assert flight.fly(flight.has_come)
     assert flight.pe.version == BUNDLE.version
 
@@ -325,10 +330,11 @@ def test_a_pe_without_an_sdo_server_is_told() -> None:
 
 
 @pytest.mark.parametrize("length", [0, 5, 8, 40, 4096])
-def test_a_version_that_is_no_number_is_none(length: int) -> None:
+def test_a_state_of_the_loader_that_is_no_number_is_none(length: int) -> None:
     flight, played = Flight(), PlayedObjects()
-    assert flight.fly(lambda: flight.messages == 1)
-    played.values[NODE, PROGRAM_VERSION, 1] = b"\3".ljust(length, b"\0")[:length]
+    looks = b"\x40\x57\x1f\x01"  # reads 1F57h sub 1
+    assert flight.fly(lambda: flight.manager.frames[-1].data.startswith(looks))
+    played.values[NODE, PROGRAM_STATUS, 1] = b"\3".ljust(length, b"\0")[:length]
     while not flight.manager.of(events.CodeNotTaken):
         asked = next(one for one in reversed(flight.manager.frames) if one.can_id == REQUEST)
         flight.manager.hear(Frame(ANSWER, played.answer(NODE, asked.data)))
@@ -338,10 +344,17 @@ def test_a_version_that_is_no_number_is_none(length: int) -> None:
 
 def test_code_that_is_there_already_is_not_sent_again() -> None:
     flight = Flight()
-    flight.pe.version = BUNDLE.version
-    flight.pe.programs.changed(ProgramState(BUNDLE.version))
+    flight.pe.runs(BUNDLE.version)
     flight.judge()
-    assert flight.messages < 6
+    assert flight.messages < 20
+
+
+def test_another_bundle_of_the_same_version_is_not_taken_for_this_one() -> None:
+    flight = Flight()
+    flight.pe.runs(BUNDLE.version, b"of somebody else")
+    assert flight.fly(lambda: flight.manager.of(events.CodeNotTaken))
+    assert "build nav with a higher one" in flight.manager.last(events.CodeNotTaken).why
+    assert not flight.has_come()
 
 
 def test_the_most_critical_code_and_the_bundle_that_holds_most_come_first() -> None:

@@ -172,11 +172,13 @@ class ProgramState(NamedTuple):
     version: of the code that runs; 0: there is none.
     error: why its last order failed, as object 1F57h numbers it; 0: it has not failed.
     is_at_work: whether an order is not answered yet.
+    digest: SHA-256 of the bundle whose code runs, 32 bytes; empty: there is none.
     """
 
     version: int = 0
     error: int = 0
     is_at_work: bool = False
+    digest: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)

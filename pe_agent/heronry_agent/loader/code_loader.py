@@ -86,7 +86,8 @@ class CodeLoader:
         """Return what the core is told of this loader."""
         code = self._state.code
         at_work = any(one.name in _ORDERED for one in (self._now, *self._queue) if one is not None)
-        return ProgramState(0 if code is None else code.version, self._error, is_at_work=at_work)
+        version, digest = (0, "") if code is None else (code.version, code.digest)
+        return ProgramState(version, self._error, at_work, bytes.fromhex(digest))
 
     @property
     def images(self) -> frozenset[str]:

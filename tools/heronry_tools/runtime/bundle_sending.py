@@ -1,6 +1,6 @@
 """Brings a bundle to a PE by SDO, in parts that go on where the last attempt was cut off, and starts it there.
 
-    asked       how much of this bundle has the PE already (2030h sub 2)?
+    asked       does the PE run this bundle (2030h sub 3), or how much of it has it already (2030h sub 2)?
     sending     one part after the other (2030h sub 1), by block transfer; its segments take a tenth of the bus
     checked     the PE's loader works on the whole bundle (1F57h); then it says what is wrong, or the bundle is ready
     started     1F51h is written; the code is in use
@@ -24,7 +24,7 @@ from heronry_tools.runtime.canopen_log import keep_off_the_terminal
 from heronry_wire.bundle import Bundle
 from heronry_wire.bundle_transfer import Part, Received, Transfer
 from heronry_wire.bus_opening import open_bus
-from heronry_wire.canopen_objects import PROGRAM_CONTROL, PROGRAM_STATUS, PROGRAM_TRANSFER, PROGRAM_VERSION
+from heronry_wire.canopen_objects import PROGRAM_CONTROL, PROGRAM_STATUS, PROGRAM_TRANSFER
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id
 from heronry_wire.sdo import MESSAGE_BYTES, Abort, read_number
 from heronry_wire.timing import worst_bits
@@ -63,7 +63,7 @@ def send(
         network.connect()
         pe = _Pe(network, node, _SHARE * worst_bits(MESSAGE_BYTES) * 1_000_000_000 // bitrate, unlock)
         began_s = time.monotonic()
-        if pe.read(PROGRAM_VERSION, 1) != bundle.manifest.version.to_bytes(4, "little"):
+        if pe.read(PROGRAM_TRANSFER, 3) != bytes.fromhex(bundle.digest):
             for part in _parts(bundle.content, pe.received):
                 pe.write_part(part)
             pe.wait()

@@ -2,13 +2,14 @@
 
     lacking     a PE has reported that the code of a module is not there; the module's place counts as failed, so plans
                 do without it. Of all these, the module of the highest criticality is served first
-    asked       which version does the PE run (1F56h), and how much of the bundle has it already (2030h sub 2)?
+    asked       which bundle does the PE run (2030h sub 3), and how much of this one has it already (2030h sub 2)?
     sending     one part after the other (2030h sub 1), at the pace that what runs allows
     checking    the PE's loader works on the whole bundle (1F57h); then it is started (1F51h) and checked again
-    arrived     the PE runs this version: the faults of all modules whose images the bundle holds are cleared on this
+    arrived     the PE runs this bundle: the faults of all modules whose images the bundle holds are cleared on this
                 PE, and the planner does the rest
-    refused     the PE runs a newer version: nothing is sent. Or it has refused the bundle (errors 6 and 7): it is
-                brought it again only after it has restarted, or after the operator has cleared the fault
+    refused     the PE runs another bundle of this version, or a newer one: nothing is sent. Or it has refused the
+                bundle (errors 6 and 7): it is brought it again only after it has restarted, or after the operator has
+                cleared the fault
     paused      something has failed, or another SDO client has made a request to the PE. The pause doubles, and what
                 the PE has of the bundle is not sent again
 
@@ -212,7 +213,7 @@ class CodeBringing:
                     continue
                 if self._served.begin(self._node[pe], now_ns):
                     self._now, self._began_ns, self._at = (pe, bundle), now_ns, 0
-                    self._read(PROGRAM_VERSION, 1, self._version)
+                    self._read_raw(PROGRAM_TRANSFER, 3, self._active)
                     return
 
     def _may_try(self, pe: str) -> bool:
@@ -225,12 +226,17 @@ class CodeBringing:
 
     # The steps of a transfer
 
+    def _active(self, digest: bytes) -> None:
+        assert self._now is not None
+        if digest == sha256(self._now[1].content).digest():
+            self._arrived()
+        else:
+            self._read(PROGRAM_VERSION, 1, self._version)
+
     def _version(self, value: int) -> None:
         assert self._now is not None
         pe, bundle = self._now
-        if value == bundle.version:
-            self._arrived()
-        elif value > bundle.version:
+        if value >= bundle.version:
             self._fail(pe, f"it has version {value} of its code: build {bundle.name} with a higher one")
         else:
             self._read_raw(PROGRAM_TRANSFER, 2, self._received)
@@ -264,11 +270,11 @@ class CodeBringing:
 
     def _started(self, status: int) -> None:
         if self._is_done(status, self._started):
-            self._read(PROGRAM_VERSION, 1, self._runs)
+            self._read_raw(PROGRAM_TRANSFER, 3, self._runs)
 
-    def _runs(self, version: int) -> None:
+    def _runs(self, digest: bytes) -> None:
         assert self._now is not None
-        if version == self._now[1].version:
+        if digest == sha256(self._now[1].content).digest():
             self._arrived()
         else:
             self._fail(self._now[0], "it has taken the code, and does not use it: its log says why")

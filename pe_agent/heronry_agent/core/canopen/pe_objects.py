@@ -129,6 +129,7 @@ class PeObjects:
                 (PROGRAM_VERSION, 1): lambda: 0 if programs is None else programs.version,
                 (PROGRAM_STATUS, 1): lambda: 0 if programs is None else programs.status,
                 (PROGRAM_TRANSFER, 2): lambda: b"" if programs is None else programs.received,
+                (PROGRAM_TRANSFER, 3): lambda: b"" if programs is None else programs.active,
                 (TABLE, 0): self._table,
                 **{(STATE, number): partial(self._state, number) for number in range(1, 11)},
                 (SPEC, 1): lambda: self._parts.index.table.name,

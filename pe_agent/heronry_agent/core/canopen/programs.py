@@ -6,6 +6,7 @@
     1F57h sub 1    bit 0: the loader is at work, so nothing can be written now; bits 7..1: why the last order failed
     2030h sub 1    one part of a bundle: its SHA-256 (32 bytes), its length (4), where the part begins (4), the part
     2030h sub 2    how far such a transfer has come: the SHA-256 (32 bytes) and the bytes in order (4)
+    2030h sub 3    which bundle the code that runs is of: its SHA-256 (32 bytes); two bundles may have one version
 
 A master of any make writes 1F50h. 2030h is an extension of ours: a transfer that was cut off goes on from where it was,
 also from another client, since each part says to which bundle it belongs. A part that does not begin where the one
@@ -72,6 +73,11 @@ class Programs:
     def received(self) -> bytes:
         """Return the value of 2030h sub 2."""
         return Received(self._transfer.digest, len(self._received)).encode()
+
+    @property
+    def active(self) -> bytes:
+        """Return the value of 2030h sub 3."""
+        return self._state.digest
 
     def takes_bytes(self) -> bool:
         """Tell whether something can be written now."""

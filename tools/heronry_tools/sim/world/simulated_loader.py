@@ -99,7 +99,9 @@ class SimulatedLoader:
     def program(self) -> ProgramState:
         """Return what the core is told of this loader."""
         code = self._state.code
-        return ProgramState(0 if code is None else code.version, self._error)
+        if code is None:
+            return ProgramState(error=self._error)
+        return ProgramState(code.version, self._error, digest=bytes.fromhex(code.digest))
 
     def order(self, action: WriteProgram | ControlProgram) -> None:
         """Do what the core asks, after a while."""
