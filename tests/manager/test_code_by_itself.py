@@ -31,7 +31,7 @@ from heronry_wire.canopen_objects import (
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id
 from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
-from heronry_wire.sdo import UPLOAD, Abort, abort_message, with_data
+from heronry_wire.sdo import ABORT, UPLOAD, Abort, abort_message, with_data
 from lab.peers import PlayedObjects
 from manager.one_manager import MS, OneManager, two_tails
 from manager.test_operator import say
@@ -594,3 +594,21 @@ def test_arriving_code_ends_no_other_fault(codes: tuple[str, str]) -> None:
     assert latched(flight) == {PLACE: "MODULE_EXCEPTION"}
     say(flight.manager, ClearElement(PLACE))
     assert latched(flight) == {}
+
+
+def test_a_write_that_is_not_needed_any_more_is_aborted_by_the_name_of_its_object() -> None:
+    flight = Flight()
+    assert flight.fly(lambda: flight.messages > 20)
+    flight.manager.die(PE)
+    flight.manager.pass_time(500 * MS)
+    (aborted,) = [one for one in flight.manager.frames if one.can_id == REQUEST and one.data[0] == ABORT]
+    assert aborted.data == abort_message(PROGRAM_TRANSFER, 1, Abort.DEVICE_STATE)
+
+
+@pytest.mark.parametrize(
+    ("code", "why"), [(Abort.DEVICE_STATE, "it does not take it now"), (Abort.VALUE, "it refuses it")]
+)
+def test_a_part_that_the_pe_does_not_take_is_told_in_words_of_no_table(code: Abort, why: str) -> None:
+    flight = Flight(lambda _: [(0, abort_message(PROGRAM_TRANSFER, 1, code))], 17)  # the answer to the first part
+    assert flight.fly(lambda: bool(flight.manager.of(events.CodeNotTaken)))
+    assert flight.manager.last(events.CodeNotTaken).why.startswith(why)

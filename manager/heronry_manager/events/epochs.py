@@ -148,7 +148,7 @@ class CodeBrought(Event):
 
 @dataclass(frozen=True, slots=True)
 class CodeNotTaken(Event):
-    """The PE lacks code, and did not take the bundle that this manager has for it; it is brought again."""
+    """The PE lacks code, and did not take the bundle that this manager has for it; its sentence says why."""
 
     pe: str
     why: str

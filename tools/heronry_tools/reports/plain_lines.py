@@ -104,7 +104,7 @@ _SENTENCES = dict(
             lambda e: f"{e.pe} lacked code, and has {e.bundle} {e.version}: {e.bytes} bytes in {e.took_ns / 1e9:.1f} s",
             "good",
         ),
-        _says(events.CodeNotTaken, lambda e: f"{e.pe} lacks code: {e.why}; it is brought again", "bad"),
+        _says(events.CodeNotTaken, lambda e: f"{e.pe} lacks code: {e.why}", "bad"),
         _says(events.SecondManager, lambda e: f"manager {e.node} is active, too", "bad"),
         _says(events.FaultCleared, lambda e: f"{e.element} counts as working again, cleared by {e.by}", "good"),
         _says(events.Suspicion, lambda e: f"{e.element} is suspected by a module on {e.by}: {e.evidence}", "quiet"),

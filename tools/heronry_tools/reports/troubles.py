@@ -40,6 +40,7 @@ def troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     yield from function_troubles(status)
 
 
+_WAIT = "wait for it; if it does not come, its agent needs --code-dir, and its log says why"
 _BRING = "heronry manager --bundles DIR"
 
 
@@ -104,10 +105,11 @@ def waiting_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def code_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield the PEs to which code is on its way, or for which it is lacking, as the manager's loader says."""
-    for pe, says in status["code"].items():
-        remedy = "wait for it; if it does not come, its agent needs --code-dir, and its log says why"
-        yield Finding("code", f"{pe} lacks code: {says}", remedy)
+    """Yield the PEs to which a manager brings code, as its loader says; not those of which a latched fault says it."""
+    told = {one["by"] for one in status["latched"] if one["code"] == FaultCode.MODULE_MISSING.name}
+    for pe, says in status.get("code", {}).items():  # an older manager tells none
+        if pe not in told:
+            yield Finding("code", f"{pe} lacks code: {says}", _WAIT)
 
 
 def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
@@ -115,7 +117,8 @@ def element_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     reasons = {(failure["element"], failure["by"]): failure for failure in status["failures"]}
     for fault in status["latched"]:
         reason = reasons.pop((module_of(fault["element"]), fault["by"]), None)
-        yield _latched(fault, None if reason is None else reason["text"])
+        coming = status.get("code", {}).get(fault["by"])
+        yield _latched(fault, None if reason is None else reason["text"], coming)
     for failure in reasons.values():
         if not _is_over(failure):
             yield Finding("module", _failed(failure), f"heronry traceback {failure['element']}")
@@ -191,10 +194,11 @@ def function_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
             yield Finding("functions", f"{name} is wanted, and not served{why}", f"heronry why SPEC {name}")
 
 
-def _latched(fault: Mapping[str, Any], reason: str | None) -> Finding:
+def _latched(fault: Mapping[str, Any], reason: str | None, coming: str | None) -> Finding:
     """Write a latched fault.
 
     reason: why the module failed, as its PE gives it; None: no reason is known.
+    coming: what the manager's loader says of the PE that has reported the fault; None: it brings nothing there.
     """
     element, ago = fault["element"], f"{fault['for_ns'] // _NS_PER_S} s ago"
     clear = f"heronry clear {element}   (when it is mended)"
@@ -205,6 +209,8 @@ def _latched(fault: Mapping[str, Any], reason: str | None) -> Finding:
     why = "" if reason is None else f": {reason}"
     says = f"{element} counts as failed, reported by {fault['by']}, {ago}: {what}{detail}{why}"
     if fault["code"] == FaultCode.MODULE_MISSING.name:
+        if coming is not None:
+            return Finding("code", f"{says}; {coming}", _WAIT)
         return Finding(
             "images", says, f"install the code of {element} on {fault['by']}, and restart its agent; or: {_BRING}"
         )

@@ -129,7 +129,7 @@ class BlockDownload:
 
     def stop(self) -> None:
         """Abort the transfer, since the node needs the value no more."""
-        self.say(abort_message(self.index, 0, Abort.DEVICE_STATE))
+        self.say(abort_message(self.index, self.sub_index, Abort.DEVICE_STATE))
         self._fail(Outcome.FAILED, "it is needed no more")
 
     def _open(self, size: int, now_ns: int) -> None:
@@ -173,9 +173,9 @@ class BlockDownload:
 
     def _aborted(self, code: int) -> None:
         if code == Abort.DEVICE_STATE.value:
-            self._fail(Outcome.LOCKED, "it takes no table now")
+            self._fail(Outcome.LOCKED, "it does not take it now")
         elif code == Abort.VALUE.value:
-            self._fail(Outcome.REFUSED, "it refuses the table: its log says why")
+            self._fail(Outcome.REFUSED, "it refuses it: its log says why")
         else:
             self._fail(Outcome.FAILED, f"it aborts with code {code:08X}h")
 
