@@ -2,8 +2,10 @@
 
 import math
 import re
+import signal
 import struct
 import sys
+import time
 from pathlib import Path
 from types import ModuleType
 
@@ -27,7 +29,7 @@ from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result
 from heronry_agent.shell.partition import Partition
 from heronry_agent.shell.partition_messages import Save, Start, Step, Stop, decode_answer, encode_orders
 from heronry_agent.shell.partition_states import decode_state, encode_state, kept_of, state_of
-from heronry_agent.shell.time_limit import time_limit
+from heronry_agent.shell.time_limit import MOST_S, TookTooLong, time_limit
 from heronry_wire.bundle import pack
 from heronry_wire.checkpoint_frames import Lack, SentState
 from heronry_wire.sansio import NEVER_NS
@@ -348,3 +350,31 @@ def test_the_class_of_the_page_goes_on_where_it_was() -> None:
         assert one.step(M, 0, NEVER_NS, None, {}) == result
     finally:
         del sys.modules["page_trim"]
+
+
+# The limit of time
+
+
+def test_waiting_for_a_processor_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    before, rings = signal.setitimer, []
+
+    def counted(which: int, seconds: float, interval: float = 0.0) -> tuple[float, float]:
+        rings.append(seconds)
+        return before(which, seconds, interval)
+
+    monkeypatch.setattr(signal, "setitimer", counted)
+    spent = iter([0.0, MOST_S / 2, MOST_S])  # at the beginning, and at two alarms
+    monkeypatch.setattr("heronry_agent.shell.time_limit._spent_s", lambda: next(spent))
+    with pytest.raises(TookTooLong), time_limit():
+        time.sleep(60)
+    assert rings == [MOST_S, MOST_S / 2, 0, 0.0]
+
+
+def test_a_timer_that_ran_before_runs_on() -> None:
+    assert signal.setitimer(signal.ITIMER_REAL, 60) == (0.0, 0.0)
+    try:
+        with time_limit():
+            pass
+        assert 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 60
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)

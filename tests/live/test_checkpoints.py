@@ -1,5 +1,7 @@
 """States in real partitions, and a controller on processes that goes on from its state when its agent is killed."""
 
+import os
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -18,6 +20,8 @@ from heronry_agent.core.vocabulary import (
     Stepped,
 )
 from heronry_agent.shell.code_digest import code_digest
+from heronry_agent.shell.partition_messages import Step
+from heronry_agent.shell.partition_process import PartitionProcess
 from heronry_wire.checkpoint_frames import Lack, SentState
 from heronry_wire.sansio import NEVER_NS
 from lab.checkpoints import MOST_JUMP
@@ -66,6 +70,23 @@ def test_a_save_that_fails_costs_the_module_nothing_else(hosted: Hosted, lack: L
     assert isinstance(lacking, StateLacking)
     assert lacking.lack is lack
     assert hosted.demand(CONTROL) == 3.0
+
+
+def test_a_step_does_not_pay_for_the_state_that_is_saved_before_it() -> None:
+    process = PartitionProcess("p", 1024)
+    try:
+        begun_ns = time.monotonic_ns()
+        process.states_due[CONTROL] += 1
+        process.expect(CONTROL, 1, begun_ns)
+        process.send(Step(CONTROL, 1, begun_ns, NEVER_NS, None, ()))
+        process.flush(begun_ns)
+        saved_ns = begun_ns + 3600 * 10**9
+        process.told_state(CONTROL, saved_ns)
+        assert process.answered(CONTROL, 1, saved_ns + 5, NEVER_NS) == 5
+        assert not process.states_due[CONTROL]
+    finally:
+        process.kill()
+        os.waitpid(process.pid, 0)
 
 
 def test_a_killed_controller_goes_on_elsewhere_where_it_was() -> None:

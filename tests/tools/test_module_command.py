@@ -75,6 +75,11 @@ class Early(Counting):
         return ()
 
 
+class Slow(Counting):
+    def save(self):
+        while True:
+            pass
+
 class Unsaved(Counting):
     def save(self):
         return (float("nan"),)
@@ -241,6 +246,7 @@ SIZES = "state: 24 bytes, 6 frames on a bus each time; in the spec: checkpoint: 
         ("Counting", 0, f"{SIZES}\nstate: restored by a new object\n"),
         ("Early", 0, "state: none yet; save returns nothing after these steps\n"),
         ("Unsaved", 1, "state: cannot be saved (NO_NUMBERS): save gives (nan,); return a tuple of finite numbers\n"),
+        ("Slow", 1, "state: cannot be saved (HANGS): save takes too long\n"),
         ("Unrestored", 1, f"{SIZES}\nstate: cannot be restored (REFUSED): LookupError: another time"),
         ("Unbuilt", 1, SIZES),
     ],

@@ -310,7 +310,7 @@ class PartitionHost:
                 yield StartFailed(module, reason, traceback)
                 return
             case _ if isinstance(answer, StateEvent) and process.states_due[answer.module] > 0:
-                process.states_due[answer.module] -= 1
+                process.told_state(answer.module, now_ns)
                 yield answer
                 return
             case Loaded(missing) if process.loading:

@@ -7,8 +7,9 @@ needs. The process has a lower priority than its agent, so that heartbeats go fi
 The orders of one turn of the agent's loop form one packet. For GATHER_NS after such a packet, answers do not wake the
 agent; after this time it reads them together.
 
-*Time.* A step begins when its order is sent, or when the step before it in the partition ends, whichever is later. The
-kernel counts for how long a process has waited for a processor (schedstat). The time that a step has *spent* is:
+*Time.* A step begins when its order is sent, when the step before it in the partition ends, or when the answer about a
+state that was saved or restored before it is read, whichever is last. The kernel counts for how long a process has
+waited for a processor (schedstat). The time that a step has *spent* is:
 
     the step has ended within its period                      the time from its beginning to its end
     the step has ended later                                  this time, less the time of waiting for a processor
@@ -156,9 +157,7 @@ class PartitionProcess:
         if not self._pending or (self._pending[0].module, self._pending[0].release) != (module, release):
             return None
         pending = self._pending.popleft()
-        if self._pending and self._pending[0].since_ns is not None:
-            self._pending[0].since_ns = max(self._pending[0].since_ns, ended_ns)
-            self._pending[0].cpu_ns = used_ns(self.pid)
+        self._begin_next(ended_ns)
         took_ns = max(0, ended_ns - (pending.since_ns or ended_ns))
         if took_ns <= period_ns:
             return took_ns
@@ -166,6 +165,17 @@ class PartitionProcess:
             return used_ns(self.pid) - pending.cpu_ns
         self._sample_ns = 0  # read the waiting time before the next step
         return max(0, took_ns - (self._waited_ns() - self._waited_before_ns))
+
+    def told_state(self, module: int, now_ns: int) -> None:
+        """Note the answer about a state of a module: no step has spent the time before."""
+        self.states_due[module] -= 1
+        self._begin_next(now_ns)
+
+    def _begin_next(self, at_ns: int) -> None:
+        """Note that the next step begins at `at_ns` at the earliest."""
+        if self._pending and self._pending[0].since_ns is not None:
+            self._pending[0].since_ns = max(self._pending[0].since_ns, at_ns)
+            self._pending[0].cpu_ns = used_ns(self.pid)
 
     def disown(self, module: int) -> None:
         """Note that a module has been stopped, so that answers to its steps are not wanted any more."""

@@ -25,6 +25,7 @@ from heronry_agent.module import Datum, Module, Value
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result, is_foreign
 from heronry_agent.shell.partition_messages import Done, Uncarriable, encode_answer
+from heronry_agent.shell.time_limit import time_limit
 from heronry_wire.checkpoint_frames import MOST_STATE_BYTES, SentState, frame_count
 from heronry_wire.management import SPECS_PRIORITY
 from heronry_wire.sansio import NEVER_NS
@@ -167,7 +168,7 @@ def _limited(limit_s: float) -> Iterator[None]:
 
 def _try(trial: Trial, orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> None:
     now_ns = 0
-    runner = ModuleRunner(lambda: now_ns)
+    runner = ModuleRunner(lambda: now_ns, time_limit)
     begun = runner.start(_MODULE, orders, now_ns)
     trial.failure = begun if isinstance(begun, Failure) else None
     leaves = {str(at): (name, Datum(value, 1, 0)) for at, (name, value) in enumerate(inputs.items())}
