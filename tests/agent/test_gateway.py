@@ -17,6 +17,7 @@ from agent.one_pe import (
     rate_frame,
     sent,
 )
+from heronry_agent.core.forwarding.gateway import MOST_AT_ONCE
 from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
@@ -130,3 +131,20 @@ def test_sdo_of_a_node_beyond_is_forwarded_while_somebody_on_the_uplink_asks() -
     assert not forwarded(pe.give(Received(UPLINK, ANSWER)), ANSWER, UPLINK)
     pe.pass_time(2_001 * MS)
     assert not forwarded(pe.give(Received(RADIO, ANSWER)), ANSWER, UPLINK)
+
+
+def test_requests_of_sdo_take_a_tenth_of_the_far_bus_however_fast_they_come() -> None:
+    pe = OnePe(GATEWAY_TABLE)
+    frame_ns = 135 * 1_000_000_000 // GATEWAY_TABLE.ports[RADIO].bitrate
+    at_once = sum(forwarded(pe.give(Received(UPLINK, REQUEST)), REQUEST, RADIO) for _ in range(100))
+    assert at_once == MOST_AT_ONCE
+    pe.pass_time(10 * MOST_AT_ONCE * frame_ns)
+    passed = 0
+    for _ in range(1_000):
+        passed += forwarded(pe.give(Received(UPLINK, REQUEST)), REQUEST, RADIO)
+        pe.pass_time(frame_ns)
+    assert passed in (100 + MOST_AT_ONCE - 1, 100 + MOST_AT_ONCE)
+    pe.pass_time(10 * MOST_AT_ONCE * frame_ns)
+    for _ in range(200):
+        assert forwarded(pe.give(Received(UPLINK, REQUEST)), REQUEST, RADIO)  # at the pace of a manager none is dropped
+        pe.pass_time(10 * frame_ns + 10)

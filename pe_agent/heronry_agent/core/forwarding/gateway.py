@@ -8,7 +8,9 @@
     data                    the data of each source that the slice names, from its producing node to the named ports
     SDO                     requests from the uplink toward the node that they address, and the answers of that node for
                             ASKED_NS after a request; so a manager brings nodes beyond their tables, and a client on a
-                            far bus loads no other bus
+                            far bus loads no other bus. Requests take a tenth of the far bus, with at most MOST_AT_ONCE
+                            frames in a row: what comes faster, from a client without manners or forged, is dropped, and
+                            the client sends it again
 
 A module that runs beyond this gateway may have another possible PE on the manager's side. Then its data, when this PE
 forwards them up, are an exclusive output of this PE (protocol rule 6). The reason: if the manager considers this PE
@@ -48,8 +50,14 @@ from heronry_wire.identifiers import (
 from heronry_wire.management import slice_node
 from heronry_wire.protocol_times import slack_ns
 from heronry_wire.sansio import Send
+from heronry_wire.sdo import MESSAGE_BYTES
+from heronry_wire.timing import worst_bits
 
 ASKED_NS = 2_000_000_000  # a client waits no longer for an answer
+
+
+MOST_AT_ONCE = 16
+_SHARE = 10  # of the far bus for requests of SDO: a tenth, as for a transfer (protocol rule 10)
 
 
 class Gateway:
@@ -67,6 +75,10 @@ class Gateway:
         self.asking_ids: Mapping[int, int] = {sdo_request_id(node): node for node in nodes}
         self._answering = {(port, sdo_response_id(node)): node for node, port in nodes.items()}
         self._asked_ns: dict[int, int] = {}  # by node: when a request of SDO was last forwarded to it
+        self._each_ns = {
+            port: _SHARE * worst_bits(MESSAGE_BYTES) * 1_000_000_000 // self._ports[port].bitrate for port in self._far
+        }
+        self._free_ns = dict.fromkeys(self._far, 0)  # by far port: when all forwarded requests have had their time
         self._last: dict[
             tuple[int, Command], tuple[bytes, int]
         ] = {}  # by far port and command: what was last sent, and when it is due again
@@ -86,12 +98,14 @@ class Gateway:
         return {identifier for _, identifier in self._answering}
 
     def asked(self, port: int, frame: Frame, now_ns: int) -> list[Send]:
-        """Return the copy of an SDO request from the uplink toward the node beyond that it addresses."""
+        """Return the copy of an SDO request from the uplink toward the node that it addresses, if it has room."""
         if port != self._uplink:
             return []
         node = self.asking_ids[frame.can_id]
-        self._asked_ns[node] = now_ns
-        return self.toward(node, frame)
+        copies = [copy for copy in self.toward(node, frame) if self._has_room(copy.port, now_ns)]
+        if copies:
+            self._asked_ns[node] = now_ns
+        return copies
 
     def answered(self, port: int, frame: Frame, now_ns: int) -> list[Send]:
         """Return the copy, for the uplink, of an SDO answer of a node beyond; nothing if nobody asks from there."""
@@ -149,6 +163,14 @@ class Gateway:
     def data_ids(self) -> frozenset[int]:
         """CAN identifiers of the data that this PE forwards according to its slice."""
         return frozenset(self._data)
+
+    def _has_room(self, port: int, now_ns: int) -> bool:
+        """Tell whether a request of SDO may go out at a far port now; then it takes its time there."""
+        each_ns, free_ns = self._each_ns[port], max(now_ns, self._free_ns[port])
+        if free_ns - now_ns > (MOST_AT_ONCE - 1) * each_ns:
+            return False
+        self._free_ns[port] = free_ns + each_ns
+        return True
 
     def _is_due(self, port: int, command: Command, meaning: bytes, now_ns: int) -> bool:
         """Tell whether to forward a LEASE or ALIVE: at once if its content is new, else once in a heartbeat period."""
