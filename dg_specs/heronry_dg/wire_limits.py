@@ -27,6 +27,7 @@ from heronry_wire.capacities import (
     MOST_RADIOS,
     MOST_SLICE_BYTES,
 )
+from heronry_wire.checkpoint_frames import MOST_CHECKPOINTS
 from heronry_wire.errors import HeronryError
 from heronry_wire.packing import pack
 
@@ -78,6 +79,8 @@ def exceeded(spec: Spec) -> Iterator[Excess]:
     """Find everything in a spec that exceeds a limit of the wire."""
     yield from _too_many("devices", spec.devices, MOST_DEVICES, "an actuator's echo numbers devices in one byte")
     yield from _too_many("modules", spec.modules, MOST_MODULES, "the error history numbers elements in 12 bits")
+    kept = [module.name for module in spec.modules.values() if module.checkpoint is not None]
+    yield from _too_many("modules", kept, MOST_CHECKPOINTS, "their frames number them in one byte", "checkpoints")
     radios = [bus.name for bus in spec.buses.values() if bus.kind == "wireless"]
     yield from _too_many("buses", radios, MOST_RADIOS, "each gateway reports under its own identifier", "radios")
     for module in spec.modules.values():

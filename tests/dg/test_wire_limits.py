@@ -50,6 +50,10 @@ def modules(count: int) -> str:
     return "modules:\n" + "".join(f"  m{n}: {{runs_on: [{('nav', 'tail')[n % 2]}], {SMALL}}}\n" for n in range(count))
 
 
+def checkpoints(count: int) -> str:
+    return modules(count).replace(SMALL, f"{SMALL}, checkpoint: {{bytes: 8, hz: 1, max_age_ms: 9000}}")
+
+
 def modes(count: int) -> str:
     listed = ", ".join(f"m{number}: {{{SMALL}}}" for number in range(count))
     return f"modules:\n  display: {{modes: {{{listed}}}}}\n"
@@ -61,13 +65,14 @@ def modes(count: int) -> str:
         (devices, 256, "there are 257 devices, but there may be only 256"),
         (modes, 256, "module 'display' has 257 modes, but may have only 256"),
         (modules, 2 * 254, "255 modules may run on pe 'nav', but it can have only 254"),
+        (checkpoints, 256, "there are 257 checkpoints, but there may be only 256"),
         (modules, 4096, "there are 4097 modules, but there may be only 4096"),
     ],
-    ids=["devices", "modes", "modules of a PE", "modules"],
+    ids=["devices", "modes", "modules of a PE", "checkpoints", "modules"],
 )
 def test_one_more_than_the_limit_is_found_and_the_limit_is_not(made: object, most: int, words: str) -> None:
     assert callable(made)
-    rest = "" if made is not modules else "functions: {showing: {output: m0}}\n"
+    rest = "" if made not in (modules, checkpoints) else "functions: {showing: {output: m0}}\n"
     assert not [one for one in sentences(made(most) + rest) if words[:12] in one and str(most) in one]
     assert [one for one in sentences(made(most + 1) + rest) if one.startswith(words)]
 

@@ -167,8 +167,9 @@ STARVED = FAMILY.warning(
 TOO_MANY = FAMILY.error(
     "DG507",
     "too-many-elements",
-    what="There are more devices, modules, modes or radios than a frame or an object of a PE can number.",
+    what="There are more devices, modules, checkpoints, modes or radios than a frame or an object of a PE can number.",
     why="Devices and modes have a byte in the echo of an output, so there are 256 devices, and 256 modes of a module. "
+    "The frames of a state number modules with `checkpoint` in a byte, too. "
     "CANopen lists 254 modules of one PE, and numbers 4 096 modules of a system in its error history. 9 gateways can "
     "report on radios. Beyond these numbers, two elements would look the same, or one element would never be reported.",
     fix="Merge elements, or let modules run on fewer PEs (`runs_on`).",
