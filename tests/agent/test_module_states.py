@@ -232,6 +232,38 @@ def test_the_digest_is_that_of_the_files_of_the_package_that_the_class_uses(
     assert digest(main=MAIN.format(name="state_version", base="LowPass")) != first
 
 
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "from constants_of_a_state.gains import UNIT",
+        "from .gains import UNIT",
+        "from . import gains",
+        "from constants_of_a_state.deep.leaf import ONE",
+        "from constants_of_a_state.between import UNIT",
+        "from .deep.below import UNIT",
+        "def later():\n    import constants_of_a_state.gains",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .deep import *",
+    ],
+)
+def test_the_digest_covers_files_of_which_only_constants_are_imported(
+    statement: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    package = tmp_path / "constants_of_a_state"
+    (package / "deep").mkdir(parents=True)
+    (package / "deep" / "__init__.py").write_text("from ..gains import UNIT\n")
+    (package / "deep" / "leaf.py").write_text("ONE = 1\n")
+    (package / "deep" / "below.py").write_text("from ..gains import UNIT\n")
+    main = f"from heronry_agent.module import Module\n{statement}\nclass Main(Module):\n    pass\n"
+
+    def digest(gains: str) -> bytes:
+        files = {"main": main, "between": "from .gains import UNIT", "gains": gains}
+        return code_digest(written(tmp_path, "constants_of_a_state", **files))
+
+    assert digest("UNIT = 1") == digest("UNIT = 1") != digest("UNIT = 2")
+
+
 def test_a_class_without_a_file_has_a_digest() -> None:
     code = type("Made", (Module,), {"__module__": "made_up"})
     assert len(code_digest(code)) == 8

@@ -1,15 +1,18 @@
 """The digest of a module's code: a state is restored only by the version of the code that has saved it.
 
-The digest covers the file of the module's class, and the files from which this file imports, directly or through
-others, as long as they belong to the same top-level package or to `heronry_agent.parts`. Other packages are not
-covered: if a new version of one of them gives the saved numbers another meaning, change a line of the module, too.
+The digest covers the files of the module's class and of its base classes, and the files that they name in their import
+statements, directly or through others, with the packages in which they are, as long as they belong to the same top-
+level package or to `heronry_agent.parts`. The statements are read, wherever they stand, and not what has been imported:
+that differs from one partition to another. Other packages are not covered: if a new version of one of them gives the
+saved numbers another meaning, change a line of the module, too.
 """
 
-import inspect
+import ast
 import sys
 from collections.abc import Iterator
 from hashlib import sha256
-from types import ModuleType
+from importlib.machinery import PathFinder
+from typing import Any
 
 from heronry_wire.checkpoint_frames import DIGEST_BYTES
 
@@ -41,21 +44,40 @@ def _files(code: type) -> Iterator[tuple[str, bytes]]:
     frontier, seen = [base.__module__ for base in code.__mro__], set[str]()
     while frontier:
         name = frontier.pop()
-        module = sys.modules.get(name)
         is_own = name.partition(".")[0] == package or f"{name}.".startswith(f"{_PARTS}.")
-        if name in seen or module is None or not is_own:
+        if name in seen or not is_own:
             continue
         seen.add(name)
-        file, read = getattr(module, "__file__", None), getattr(module.__loader__, "get_data", None)
+        file, loader, folders = _place(name)
+        read = getattr(loader, "get_data", None)
         if file is not None and read is not None:
-            yield name, read(file)
-        frontier += _imported(module)
+            content, parent = read(file), name.rpartition(".")[0]
+            yield name, content
+            frontier += [parent, *_imported(content, parent if folders is None else name)]
 
 
-def _imported(module: ModuleType) -> Iterator[str]:
-    """Yield the names of the modules from which the names in a module come."""
-    for value in vars(module).values():
-        if isinstance(value, ModuleType):
-            yield value.__name__
-        elif inspect.isclass(value) or inspect.isfunction(value):
-            yield value.__module__
+def _place(name: str) -> tuple[str | None, Any, Any]:
+    """Return the file, the loader and, of a package, the folders of a module, whether it has been imported or not."""
+    module = sys.modules.get(name)
+    if module is not None:
+        return getattr(module, "__file__", None), module.__loader__, getattr(module, "__path__", None)
+    parent = name.rpartition(".")[0]
+    folders = _place(parent)[2] if parent else None
+    found = None if parent and folders is None else PathFinder.find_spec(name, folders)
+    return (None, None, None) if found is None else (found.origin, found.loader, found.submodule_search_locations)
+
+
+def _imported(content: bytes, package: str) -> Iterator[str]:
+    """Yield the names that may be modules in the import statements of a file of a package; none if it is no source."""
+    try:
+        tree = ast.parse(content)
+    except (SyntaxError, ValueError):
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (one.name for one in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            origin = ".".join([*above, *filter(None, [node.module])])
+            yield origin
+            yield from (f"{origin}.{one.name}" for one in node.names)
