@@ -231,6 +231,14 @@ class Survivors:
         """Buses over which a datum goes from one PE to another, in order; None where there is no route."""
         return self.routes.get((origin, destination))
 
+    def way(self, bus: str, pe: str) -> tuple[str, ...]:
+        """Buses over which a frame goes from one bus to a PE, in order, with this bus; () where there is no way."""
+        if bus in self.spec.pes[pe].buses:
+            return (bus,)
+        routes = (self.route(one.name, pe) for one in self.spec.pes.values() if bus in one.buses)
+        beyond = [route for route in routes if route is not None and bus not in route]
+        return (bus, *min(beyond, key=len)) if beyond else ()
+
 
 def hosts_when_all_is_up(spec: Spec, module: Module) -> tuple[str, ...]:
     """PEs that a module's `device`, `runs_on` and `requires` allow, in the spec's order."""

@@ -159,9 +159,10 @@ def test_a_program_that_is_stopped_says_so_and_nothing_else_follows() -> None:
 def test_a_transfer_in_parts_goes_on_where_it_was_cut_off(master: Programmer) -> None:
     assert master.part(0, CONTENT[:700]) is None
     assert master.received == Received(TRANSFER.digest, 700)
-    assert master.part(0, CONTENT[:700]) is None  # a doubled first part begins anew
+    assert master.part(0, CONTENT[:700]) == PART_WRONG  # a doubled part changes nothing
     assert master.part(700, CONTENT[700:1400]) is None
-    assert master.part(700, CONTENT[700:1400]) == PART_WRONG  # another doubled part changes nothing
+    assert master.part(700, CONTENT[700:1400]) == PART_WRONG
+    assert master.part(0, CONTENT[:700]) == PART_WRONG  # nor does a late first one
     assert master.part(1401, CONTENT[1401:]) == PART_WRONG
     assert master.received == Received(TRANSFER.digest, 1400)
     assert master.orders() == []

@@ -49,6 +49,13 @@ def test_with_nothing_down_everything_is_there() -> None:
     assert whole.hosts(FLEET.modules["filter"]) == ("mid", "ground")
 
 
+def test_the_way_from_a_bus_to_a_pe_begins_with_this_bus() -> None:
+    assert left().way("can1", "tail") == left().way("can1", "mid") == ("can1",)
+    assert left().way("can1", "nose") == ("can1", "can0")
+    assert left().way("can0", "ground") == ("can0", "can1", "radio")
+    assert left("bus:radio").way("can0", "ground") == ()
+
+
 @pytest.mark.parametrize(
     ("down", "up"),
     [

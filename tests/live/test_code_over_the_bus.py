@@ -194,7 +194,10 @@ def test_the_operator_brings_code_and_clears_the_fault(nodes: Nodes, capsys: pyt
     capsys.readouterr()
     assert nodes.send(file) == 0
     assert "is on blank, node 92" in capsys.readouterr().out
-    assert nodes.order("clear", "module:source") == 0
+    end_s = time.monotonic() + PATIENCE_S
+    while nodes.order("clear", "module:source") != 0:  # a manager that has just started takes no order
+        assert time.monotonic() < end_s
+        time.sleep(0.5)
     next_event(manager.stdout, Reconfigured)
     nodes.wait("other", "speed 3.0")
 

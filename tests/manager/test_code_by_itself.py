@@ -609,6 +609,6 @@ def test_a_write_that_is_not_needed_any_more_is_aborted_by_the_name_of_its_objec
     ("code", "why"), [(Abort.DEVICE_STATE, "it does not take it now"), (Abort.VALUE, "it refuses it")]
 )
 def test_a_part_that_the_pe_does_not_take_is_told_in_words_of_no_table(code: Abort, why: str) -> None:
-    flight = Flight(lambda _: [(0, abort_message(PROGRAM_TRANSFER, 1, code))], 17)  # the answer to the first part
+    flight = Flight(lambda _: [(0, abort_message(PROGRAM_TRANSFER, 1, code))], 19)  # the answer to the first part
     assert flight.fly(lambda: bool(flight.manager.of(events.CodeNotTaken)))
     assert flight.manager.last(events.CodeNotTaken).why.startswith(why)

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from heronry_dg.loader import loads
 from heronry_tools.cli import main
+from heronry_tools.runtime.bundle_sending import slowest_bitrate
 
 BUILD = ["--name", "nav", "--version", "3", "--image", "est:Speed"]
 
@@ -70,6 +72,19 @@ def test_what_cannot_be_done_is_said_in_one_sentence(
 ) -> None:
     assert why in refused(capsys, *words)
     assert not list(Path().glob("*.bundle"))
+
+
+def test_the_slowest_bus_on_the_way_sets_the_pace() -> None:
+    pe = "node_id: {}, buses: [{}], cpu: 1, ram: 1KiB, flash: 1KiB"
+    nodes = {"near": (92, "fast"), "between": (93, "fast, slow"), "far": (94, "slow")}
+    text = "dg: 1\nbuses: {fast: {bitrate: 1000000}, slow: {bitrate: 125000}}\nmanager: {bus: fast}\npes:\n"
+    text += "".join(f"  {name}: {{{pe.format(*where)}}}\n" for name, where in nodes.items())
+    spec = loads(text, "two.dg.yaml")
+    assert {name: slowest_bitrate(spec, name) for name in nodes} == {
+        "near": 1_000_000,
+        "between": 1_000_000,
+        "far": 125_000,
+    }
 
 
 def test_a_symbolic_link_is_not_followed(capsys: pytest.CaptureFixture[str]) -> None:

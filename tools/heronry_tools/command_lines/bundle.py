@@ -35,7 +35,7 @@ def add_parsers(subparsers: Any) -> None:
     inspect = _command(commands, "inspect", "tell what is in a bundle, and check it")
     _add_bundle(inspect)
     inspect.add_argument("--key", type=Path, metavar="FILE", help="check its signature by this public key, too")
-    send = _command(commands, "send", "bring a bundle to a PE over the bus, and start it there")
+    send = _command(commands, "send", "bring a bundle to a PE at rest over the bus, and start it there")
     _add_bundle(send)
     add_spec_argument(send)
     send.add_argument("pe", metavar="PE", help="name of the PE")
@@ -44,7 +44,7 @@ def add_parsers(subparsers: Any) -> None:
         "--socket", type=Path, metavar="PATH", help="the manager's socket; where PEs have a key, it unlocks the PE"
     )
     send.add_argument("--unlock", action="store_true", help="the PE has a key: let this computer's manager unlock it")
-    add_bus_arguments(send, "the bus that is the uplink of the PE")
+    add_bus_arguments(send, "the PE's uplink, or the manager's bus; a tenth of the slowest bus on the way is used")
 
 
 def _command(commands: Any, name: str, does: str) -> argparse.ArgumentParser:

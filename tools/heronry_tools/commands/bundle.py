@@ -86,7 +86,7 @@ def run_send(arguments: argparse.Namespace) -> int:
         flags,
         pe.node_id,
         bundle,
-        bitrate=spec.buses[spec.manager.bus].bitrate,
+        bitrate=bundle_sending.slowest_bitrate(spec, pe.name),
         unlock=unlock,
         start=not arguments.no_start,
     )

@@ -1,7 +1,8 @@
 """Brings a bundle to a PE by SDO, in parts that go on where the last attempt was cut off, and starts it there.
 
     asked       does the PE run this bundle (2030h sub 3), or how much of it has it already (2030h sub 2)?
-    sending     one part after the other (2030h sub 1), by block transfer; its segments take a tenth of the bus
+    sending     one part after the other (2030h sub 1), by block transfer; its segments take a tenth of the slowest
+                bus on the way, whatever runs there: this is for a PE at rest
     checked     the PE's loader works on the whole bundle (1F57h); then it says what is wrong, or the bundle is ready
     started     1F51h is written; the code is in use
 
@@ -18,6 +19,8 @@ from typing import Any, TypeVar
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoError
 
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation, survivors
 from heronry_manager.core.sdo_client import BlockDownload, Outcome
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.canopen_log import keep_off_the_terminal
@@ -53,7 +56,7 @@ def send(
     """Bring a bundle to a node; returns the seconds from the first part until the code is in use.
 
     flags: of the bus, as python-can takes them.
-    bitrate: of the bus, in bit/s, by which the segments are paced.
+    bitrate: of the slowest bus on the way, in bit/s, by which the segments are paced.
     unlock: lets the manager unlock the PE; None: it has no key.
     start: whether to start the code.
     Raises UserError where the PE does not take it.
@@ -70,6 +73,12 @@ def send(
         if start:
             pe.start()
         return time.monotonic() - began_s
+
+
+def slowest_bitrate(spec: Spec, pe: str) -> int:
+    """Return the bit rate of the slowest bus on the way from the manager's bus to a PE, in bit/s."""
+    way = survivors(spec, Situation()).way(spec.manager.bus, pe)
+    return min(spec.buses[bus].bitrate for bus in way or spec.pes[pe].buses)
 
 
 def _parts(content: bytes, received: Callable[[], Received | None]) -> Iterator[Part]:

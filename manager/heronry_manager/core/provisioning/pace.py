@@ -50,13 +50,7 @@ class Pace:
 
     def way(self, pe: str) -> list[Bus]:
         """Return the buses from the manager to a PE in a system without faults; empty: there is no way."""
-        spec, bus = self._spec, self._spec.manager.bus
-        if bus in spec.pes[pe].buses:
-            return [spec.buses[bus]]
-        gateways = (one for one in spec.pes.values() if bus in one.buses)
-        routes = (self._all_up.route(one.name, pe) for one in gateways)
-        beyond = [route for route in routes if route is not None and bus not in route]
-        return [spec.buses[bus], *(spec.buses[one] for one in min(beyond, key=len))] if beyond else []
+        return [self._spec.buses[bus] for bus in self._all_up.way(self._spec.manager.bus, pe)]
 
     def is_held(self) -> bool:
         """Tell whether no frame of a transfer may be sent now: another configuration is on its way, or one unknown."""

@@ -10,8 +10,9 @@
 
 A master of any make writes 1F50h. 2030h is an extension of ours: a transfer that was cut off goes on from where it was,
 also from another client, since each part says to which bundle it belongs. A part that does not begin where the one
-before ended is refused, so a doubled, lost or late part changes nothing; a part of another bundle begins anew. When the
-last part has come and the SHA-256 is right, the bundle is what a write of 1F50h would have brought.
+before ended is refused, the first one too, so a doubled, lost or late part changes nothing; a part of another bundle,
+or an order to clear, begins anew. When the last part has come and the SHA-256 is right, the bundle is what a write of
+1F50h would have brought.
 
 This file keeps the bytes of an unfinished bundle, at most MOST_BYTES, and what the loader has said last. It decides
 nothing on code: it hands orders on as actions (`WriteProgram`, `ControlProgram`), and the loader answers by the event
@@ -105,7 +106,7 @@ class Programs:
             return Abort.OUT_OF_MEMORY
         if self._is_at_work:
             return Abort.DEVICE_STATE
-        if transfer != self._transfer or part.at == 0:
+        if transfer != self._transfer:
             self._transfer, self._received = transfer, bytearray()
         if part.at != len(self._received) or part.at + len(part.data) > transfer.length:
             return Abort.VALUE
