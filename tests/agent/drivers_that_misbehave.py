@@ -78,6 +78,15 @@ class FloodingSensor(FileSensor):
         return super().read()
 
 
+class SlowSensor(FileSensor):
+    """Does not get open while the order is "open slowly"."""
+
+    def __init__(self, setup: Setup) -> None:
+        super().__init__(setup)
+        while self._mishap.happen() == "open slowly":
+            time.sleep(0.002)
+
+
 class FileServo(ActuatorDriver):
     """Writes its position to the file `register`, and every write with its time to `writes`.
 

@@ -423,6 +423,42 @@ def test_an_end_in_order_waits_for_a_device_that_is_being_opened(bench: Bench, m
     bench.sensor()  # for the end of the test
 
 
+def test_an_end_in_order_does_not_wait_for_a_sensor_that_is_being_opened(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(isolated, "_CLOSES_NS", MS)
+    monkeypatch.setattr(isolated, "_STARTS_NS", int(10 * PATIENCE_S * 1e9))
+    bench.order("open slowly")
+    bench.sensor("SlowSensor")
+    later = threading.Timer(PATIENCE_S, bench.order, [""])
+    later.start()
+    bench.device.close()
+    assert later.is_alive()
+    later.cancel()
+    bench.sensor()  # for the end of the test
+
+
+def test_all_devices_take_their_safe_actions_at_the_same_time(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    other = Bench(tmp_path / "other").servo(safe=-1.0)
+    other.until(lambda: other.command(5.0) == 5.0)
+    bench.order("open slowly")
+    bench.servo(safe=-1.0)
+    bench.until(lambda: bench.opening() == bench.device.pid)
+    devices = Devices(TABLE, dict.fromkeys(("left", "right"), RecordedDriver(left=bench.device, right=other.device)))  # type: ignore[dict-item, arg-type]
+
+    def open_then() -> None:
+        _wait(lambda: other.register() == "-1.0")
+        bench.order("")
+
+    waits = threading.Thread(target=open_then)
+    waits.start()
+    devices.close()
+    waits.join()
+    assert bench.register() == "-1.0"
+    bench.sensor()  # for the end of the test
+
+
 def test_an_end_in_order_beside_a_killed_process_leaves_the_safe_action_to_a_successor(bench: Bench) -> None:
     bench.servo(safe=-1.0)
     bench.until(lambda: bench.command(5.0) == 5.0)

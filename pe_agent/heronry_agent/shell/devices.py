@@ -63,6 +63,9 @@ class RealDevice(Device, Protocol):
     def owes(self) -> bool:
         """Tell whether an actuator has commands that its process has not dealt with."""
 
+    def let_end(self) -> None:
+        """Let the process end, and do not wait."""
+
     def close(self) -> None:
         """End the process."""
 
@@ -275,7 +278,9 @@ class Devices:
             device.look(now_ns)
 
     def close(self) -> None:
-        """End the processes of real devices, after their safe actions."""
+        """End the processes of real devices, after their safe actions, which they all take at the same time."""
+        for device in self.real:
+            device.let_end()
         for device in self.real:
             device.close()
 

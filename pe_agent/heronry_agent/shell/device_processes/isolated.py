@@ -75,6 +75,7 @@ class IsolatedDevice:
         self._log: PartitionLog | None = None
         self._pid: int | None = None
         self._is_ending = False
+        self._ends_by_ns = 0  # until when an end in order is waited for
         self._memory = SharedBlock.create()
         self._block = SharedBlock(self._memory)
         self._socket: socket.socket | None = None
@@ -267,10 +268,21 @@ class IsolatedDevice:
             self._log.close()
             self._log = None
 
-    def close(self) -> None:
-        """End the process: it takes the safe action by itself when its socket is closed. It is killed if it hangs.
+    def let_end(self) -> None:
+        """Let the process end, and do not wait: it takes the safe action by itself when its socket is closed.
 
-        If it was killed before it could do that, a successor does.
+        An actuator that is being opened has the time of a start, as it takes the safe action when it is open.
+        """
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+            is_opening = self._orders.is_actuator and not self._block[Word.LONGEST]
+            self._ends_by_ns = time.monotonic_ns() + (_STARTS_NS if is_opening else _CLOSES_NS)
+
+    def close(self) -> None:
+        """Let the process end, wait for its end, and kill it if it hangs.
+
+        If it was killed before it could take the safe action, a successor does.
         """
         if self._ends_badly() and self._orders.is_actuator and not self._is_given_up:
             self._start(time.monotonic_ns())
@@ -279,11 +291,9 @@ class IsolatedDevice:
         os.close(self._memory)
 
     def _ends_badly(self) -> bool:
-        """Close the socket, and wait for the end of the process; tell whether that was not in order."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
-        until_ns = time.monotonic_ns() + (_CLOSES_NS if self._block[Word.LONGEST] else _STARTS_NS)
+        """Wait for the end of the process; tell whether that was not in order."""
+        self.let_end()
+        until_ns = self._ends_by_ns
         status = 1
         while self._pid is not None:
             pid, status = os.waitpid(self._pid, os.WNOHANG)
