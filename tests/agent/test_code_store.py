@@ -228,6 +228,7 @@ def test_a_slot_that_the_disk_has_damaged_is_not_run_and_may_be_sent_again(slot:
             '{"slots": {}, "has_run": 1}',
             '{"slots": {}, "floor": "1"}',
             '{"slots": {}, "more": 1}',
+            '{"slots": {"a": {"name": "n", "version": 1, "digest": "no digits", "images": []}}}',
         ),
     ],
 )

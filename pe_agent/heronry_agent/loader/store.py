@@ -89,7 +89,12 @@ class State:
         try:
             read: dict[str, Any] = json.loads(text)
             slots = {
-                slot: Kept(str(one["name"]), int(one["version"]), str(one["digest"]), tuple(map(str, one["images"])))
+                slot: Kept(
+                    str(one["name"]),
+                    int(one["version"]),
+                    bytes.fromhex(one["digest"]).hex(),
+                    tuple(map(str, one["images"])),
+                )
                 for slot, one in read.pop("slots").items()
             }
             state = cls(slots, **read)

@@ -8,7 +8,6 @@ from random import Random
 
 from heronry_agent.core.authority import Secret
 from heronry_agent.core.vocabulary import ModuleEvent
-from heronry_agent.loader.store import Store
 from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.flight.truth import Truth
 from heronry_tools.sim.flight.wiring import Wiring
@@ -16,7 +15,7 @@ from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClocks
 from heronry_tools.sim.world.simulated_blank import SimulatedBlank
-from heronry_tools.sim.world.simulated_loader import CodeDisk, SimulatedLoader
+from heronry_tools.sim.world.simulated_loader import CodeDisk, SimulatedLoader, active_code
 from heronry_tools.sim.world.simulated_pe import SimulatedPe
 from heronry_wire.authentication import Key
 from heronry_wire.pe_table import PeTable
@@ -158,7 +157,7 @@ class Fleet:
     def lacks(self, pe: str, module: str) -> None:
         """Remove the code of a module from a PE."""
         disk = self._code_disks.get(pe)
-        if disk is not None and Store(disk).state().active is not None:
+        if disk is not None and active_code(disk) is not None:
             return  # its bundle holds the code of every module
         self._lacking[pe].add(module)
         self._checks.lacks_code(self._clock.now_ns, pe, module)
@@ -171,7 +170,9 @@ class Fleet:
         return [pe for pe in self._code_disks if pe in self.running and self._lacking[pe]]
 
     def code_brought(self, pe: str) -> None:
-        """Note that a manager has found the code on a PE, and ends the faults that its lack was."""
+        """Note that a manager says that code has come to a PE; if its disk has it, the faults that its lack was end."""
+        if not self._checks.code_brought(self._clock.now_ns, pe, active_code(self._code_disks[pe])):
+            return
         modules, self._lacking[pe] = self._lacking[pe], set()
         for module in modules:
             self._truth.has_code(self._clock.now_ns, module, pe)

@@ -227,6 +227,13 @@ class Checks:
         if self._known.code is not None:
             self._known.code.came(t_ns, pe, content)
 
+    def code_brought(self, t_ns: int, pe: str, content: bytes | None) -> bool:
+        """Report to the oracles that a manager says that code has come, and what the disk of the PE has in use.
+
+        Returns whether the code has come.
+        """
+        return self._known.code is not None and self._known.code.brought(t_ns, pe, content)
+
     def wrong(self, t_ns: int, story: str) -> None:
         """Record a violation: a diagnostic client has found that a PE does not behave as a CANopen node must."""
         self._inspections.append(Violation(t_ns, "inspection", story))

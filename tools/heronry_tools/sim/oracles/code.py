@@ -1,9 +1,10 @@
 """Code that comes over the bus: a PE runs a whole bundle or none, and no module computes where its code is not.
 
-Verified against what a PE's loader says that it runs from, and against the steps of modules:
+Verified against what a PE's loader says that it runs from, its disk, and the steps of modules:
 
 - What a PE runs from is, byte for byte, a bundle that the managers were given.
 - No module computes a step on a PE that lacks its code.
+- A manager says that code has come only when the disk of the PE has it, whole and active.
 
 That transfers leave the bus to the data is verified by the oracle `tables` for all of SDO.
 """
@@ -34,6 +35,14 @@ class CodeCheck(Oracle):
             self.violations.append(Violation(t_ns, "code", f"{pe} runs code that is no whole bundle of the managers"))
         for place in [place for place in self._lacking if place[0] == pe]:
             del self._lacking[place]
+
+    def brought(self, t_ns: int, pe: str, content: bytes | None) -> bool:
+        """Verify that code which has come, as a manager says, is what the disk of the PE has; tells whether it is."""
+        is_there = content in self._bundles
+        if not is_there:
+            story = f"a manager says that code has come to {pe}, whose disk has no whole bundle in use"
+            self.violations.append(Violation(t_ns, "code", story))
+        return is_there
 
     def driven(self, driven: Driven) -> None:
         """Verify where a module computes that drives an actuator or is a branch of a DEMUX."""

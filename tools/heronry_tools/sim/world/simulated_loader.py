@@ -71,6 +71,12 @@ class CodeDisk(Folder):
                 raise _KeeperDiedError
 
 
+def active_code(disk: CodeDisk) -> bytes | None:
+    """Return the bundle from which a PE runs, or will at its next start, as its disk says; None: there is none."""
+    active = Store(disk).state().active
+    return None if active is None else disk.read(slot_file(active), MOST_BYTES)
+
+
 class SimulatedLoader:
     """The loader of one PE from a start of the PE to its end."""
 
@@ -142,5 +148,4 @@ class SimulatedLoader:
     def _tell_code(self) -> frozenset[str]:
         if self._state.active is None:
             return frozenset()
-        content = self._disk.read(slot_file(self._state.active), MOST_BYTES)
-        return self._came(content or b"")
+        return self._came(active_code(self._disk) or b"")
