@@ -33,6 +33,8 @@ class Manager:
         file = folder / "two_tails.dg.yaml"
         file.write_text(SPEC_TEXT + PHASES)
         self.path, self.orders = folder / "two_tails.sock", []
+        self.may_answer = threading.Event()
+        self.may_answer.set()
         self._core = OneManager(load(file))
         self._core.start()
         place = Place("can0", "softbus", "/no/such.sock")
@@ -46,6 +48,7 @@ class Manager:
             while not over.wait(0.005):
                 for said in control.poll():
                     self.orders.append(said.order)
+                    self.may_answer.wait()
                     told = len(self._core.events)
                     for action in self._core.give(said):
                         if isinstance(action, Reply):
@@ -64,8 +67,9 @@ class Manager:
                 server.join()
 
 
-def give(folder, size, play) -> Manager:
-    manager = Manager(folder)
+def give(managed, size, play) -> Manager:
+    """Play at a manager, or at a new one in a folder."""
+    manager = managed if isinstance(managed, Manager) else Manager(managed)
 
     async def run() -> None:
         source = LiveSource(FollowedManager(manager.path))
@@ -120,6 +124,27 @@ def test_an_order_is_chosen_confirmed_and_answered(tmp_path, size) -> None:
 
     manager = give(tmp_path, size, play)
     assert [(type(one).__name__, one.element) for one in manager.orders] == [("FailElement", "pe:middle")]
+
+
+def test_a_second_order_waits_for_the_answer_to_the_first(tmp_path) -> None:
+    async def play(app, pilot) -> None:
+        manager.may_answer.clear()
+        await pilot.press("o")
+        await until(pilot, lambda: isinstance(app.screen, Choice))
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(app.screen, Question))
+        await pilot.press("y")
+        await until(pilot, lambda: manager.orders)
+        await pilot.press("o")
+        await until(pilot, lambda: "has not answered the last order yet" in shown(app, "head"))
+        assert len(app.screen_stack) == 1
+        manager.may_answer.set()
+        await until(pilot, lambda: "pe:left counts as failed until it is cleared" in shown(app, "head"))
+        await pilot.press("o")
+        await until(pilot, lambda: isinstance(app.screen, Choice))
+
+    manager = Manager(tmp_path)
+    give(manager, SMALL, play)
 
 
 def test_an_order_that_is_left_at_any_page_is_not_given(tmp_path) -> None:

@@ -437,3 +437,52 @@ def test_a_live_variable_is_plotted_while_its_panel_is_open_and_the_keyboard_suf
         page.wait_for_selector("#plots-trouble:not([hidden])")
         assert "'nothing' is no variable" in (page.text_content("#plots-trouble") or "")
         assert watched.wrong == []
+
+
+JOINED = """() => {
+    const join = uPlot.join;
+    uPlot.join = (tables) => {
+        if (tables.some((one) => one[1].length)) globalThis.joined = tables;
+        return join(tables);
+    };
+}"""
+
+
+@needs_chromium
+def test_samples_that_are_told_again_are_drawn_once(chromium):
+    live = watched_now()
+    with live.plots.opened(["roll_rate"]), Server(live) as server:  # another page plots it all the time
+        watched = Watched(chromium)
+        page = watched.page
+        watched.open(server.address, "#/plots/roll_rate")
+        page.wait_for_selector('[data-plot="roll_rate"] canvas')
+        page.evaluate(JOINED)
+        now_ns = live.snapshot.t_ns
+        for number in range(40):
+            at_ns = now_ns - (40 - number) * PERIOD_NS
+            live.plots.take(live.plots.picked([LoggedFrame(at_ns, "can0", frame(number / 4, number))]))
+        watched.until("document.querySelector('[data-line=imu_driver_1] .number').textContent === '9.75 deg/s'")
+        page.select_option("#plots-add", "altitude")  # the stream is opened anew, for both
+        page.wait_for_selector('[data-plot="altitude"] canvas')
+        live.plots.take(live.plots.picked([LoggedFrame(now_ns, "can0", frame(10, 40))]))
+        watched.until("document.querySelector('[data-line=imu_driver_1] .number').textContent === '10 deg/s'")
+        watched.until("globalThis.joined.some((one) => one[1].includes(10))")
+        times, values = page.evaluate("joined.find((one) => one[1].includes(10))")[:2]
+        assert values == [number / 4 for number in range(41)]
+        assert times == sorted(set(times))
+        assert watched.wrong == []
+
+
+@needs_chromium
+def test_a_library_that_does_not_come_is_told_and_asked_for_again(chromium):
+    with Server(watched_now()) as server:
+        watched = Watched(chromium)
+        page = watched.page
+        page.route("**/uPlot.iife.min.js", lambda route: route.abort())
+        watched.open(server.address, "#/plots/roll_rate")
+        watched.until("document.querySelector('#plots-trouble').textContent.includes('the library of the plots')")
+        assert [one for one in watched.wrong if "Failed to load resource" not in one] == []
+        page.unroute("**/uPlot.iife.min.js")
+        page.click('[aria-label="Close the plot of roll_rate"]')
+        page.select_option("#plots-add", "roll_rate")
+        page.wait_for_selector('[data-plot="roll_rate"] canvas')

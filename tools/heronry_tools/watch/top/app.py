@@ -135,6 +135,7 @@ class TopApp(App[None]):
         self._frozen: Snapshot | None = None
         self._waits_on: set[int] = set()
         self._answer = ""  # of the manager to the last order
+        self._is_asked = False  # it has not answered yet
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Tell whether the action of a key can be carried out now.
@@ -295,8 +296,15 @@ class TopApp(App[None]):
         self.set_focus(None)
         self.paint()
 
+    def action_order(self) -> None:
+        """Let the user give an order to the manager; while it has not answered the last one, refuse."""
+        if self._is_asked:
+            self._tell("the manager has not answered the last order yet; try again when it has")
+        else:
+            self._order()
+
     @work(exclusive=True)
-    async def action_order(self) -> None:
+    async def _order(self) -> None:
         """Let the user choose an order that can be given now, ask whether it shall be given, and give it."""
         operator, view = self.source.operator, self.source.snapshot()
         assert operator is not None, "the key is bound only for a manager"
@@ -306,7 +314,12 @@ class TopApp(App[None]):
         if order is None or not await self.push_screen_wait(Question(order)):
             return
         self._tell(f"{order.word()}: the manager is asked ...")
-        self._tell(await asyncio.to_thread(operator.give, order))
+        self._is_asked = True
+        try:
+            answer = await asyncio.to_thread(operator.give, order)
+        finally:
+            self._is_asked = False
+        self._tell(answer)
 
     def _tell(self, sentence: str) -> None:
         self._answer = sentence

@@ -15,7 +15,11 @@ function library() {
     const script = document.createElement("script");
     script.src = "/page/uplot/uPlot.iife.min.js";
     script.addEventListener("load", () => resolve(globalThis.uPlot));
-    script.addEventListener("error", () => reject(new Error("the server does not give the library of the plots")));
+    script.addEventListener("error", () => {
+      loading = null;
+      script.remove();
+      reject(new Error("The server does not give the library of the plots; close this plot and open it again."));
+    });
     document.head.append(script);
   });
   return loading;
@@ -40,7 +44,7 @@ export class Chart {
     library().then((found) => {
       this.#uPlot = found;
       if (this.#shown) this.show(this.#shown);
-    });
+    }).catch((error) => acts.onTrouble(error.message));
   }
 
   destroy() {

@@ -122,19 +122,27 @@ function take(kind, data) {
   draw();
 }
 
+// After a break the server tells again what it has kept. What is known is skipped; a gap stands where nothing was kept.
 function add(line, more) {
+  const isAgain = line.isBroken && line.t_ns.length > 0;
+  if (isAgain && more.t_ns.at(-1) < line.t_ns[0]) Object.assign(line, { t_ns: [], values: [], versions: [] }); // another clock
+  const last = line.t_ns.at(-1) ?? -Infinity;
+  const from = more.t_ns.findIndex((ns) => ns > last);
+  const gap = isAgain && line.t_ns.length && more.t_ns[0] > last ? { t_ns: [last], values: [null], versions: [line.versions.at(-1)] } : null;
+  line.isBroken = false;
+  if (from < 0) return;
   for (const what of ["t_ns", "values", "versions"]) {
-    line[what].push(...more[what]);
+    line[what].push(...(gap?.[what] ?? []), ...more[what].slice(from));
     if (!store.facts.recorded && line[what].length > 2 * KEPT) line[what].splice(0, line[what].length - KEPT);
   }
 }
 
-// What the server says of each variable at first; after a break, what was known stays, and a gap follows it.
+// What the server says of each variable at first; after a break, what was known stays.
 function begun(told) {
   for (const one of told) {
     const known = plots.get(one.variable);
     if (known) {
-      for (const line of known.lines) if (line.t_ns.length) add(line, { t_ns: [line.t_ns.at(-1)], values: [null], versions: [line.versions.at(-1)] });
+      for (const line of known.lines) line.isBroken = true;
       continue;
     }
     const producers = [...new Set(one.series.map((each) => each.producer))];
@@ -203,7 +211,7 @@ function draw() {
 }
 
 async function drawOne(plot) {
-  plot.chart ??= new Chart(plot.sheet, { onSpan: (from, to) => look(() => [from, to]), onReset: () => turn({ span: null, end: null }), onPoint: (ns) => { plot.pointed = ns; values(plot); } });
+  plot.chart ??= new Chart(plot.sheet, { onSpan: (from, to) => look(() => [from, to]), onReset: () => turn({ span: null, end: null }), onPoint: (ns) => { plot.pointed = ns; values(plot); }, onTrouble: trouble });
   const epochs = store.facts.recorded ? store.recording.marks : store.snapshot.reconfigurations.map((one) => ({ epoch: one.epoch, t_ns: one.done_ns }));
   plot.chart.show({ lines: plot.lines, used: plot.used, isStepped: plot.is_stepped, edges: edges(), began: store.snapshot.began_ns ?? 0, epochs, now: store.facts.recorded ? store.at_ns : null });
   values(plot);
