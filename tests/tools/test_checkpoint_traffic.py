@@ -8,6 +8,7 @@ import pytest
 from heronry_dg.bus_schedule import bus_schedules
 from heronry_dg.loader import load
 from heronry_dg.situation import situation
+from heronry_manager.events import StateLacking, StateRestored
 from heronry_manager.planner.exact import plan
 from heronry_tools.reports.dbc import dbc_text
 from heronry_tools.sim.flight.simulation import Simulation
@@ -43,8 +44,10 @@ def test_a_bus_carries_the_frames_that_are_foretold(down: tuple[str, ...]) -> No
 # The oracle
 
 
-def seen(t_s: float, *, is_saved: bool, data: bytes = b"state", pe: str = "left", code: bytes = b"1") -> StateSeen:
-    return StateSeen(round(t_s * S), pe, "pitch_trim", is_saved, data, code)
+def seen(
+    t_s: float, *, is_saved: bool, data: bytes = b"state", pe: str = "left", code: bytes = b"1", number: int = 7
+) -> StateSeen:
+    return StateSeen(round(t_s * S), pe, "pitch_trim", is_saved, data, code, number)
 
 
 SAVED = seen(1.0, is_saved=True)
@@ -56,6 +59,7 @@ SAVED = seen(1.0, is_saved=True)
         (seen(1.9, is_saved=False, pe="right"), None),
         (seen(2.1, is_saved=False, pe="right"), "from a state that is 1100.0 ms old, but may be 1000 ms old"),
         (seen(1.5, is_saved=False, data=b"stat"), "from 73746174, which it has never saved"),
+        (seen(1.5, is_saved=False, number=8), "from 7374617465, which it has never saved"),
         (seen(1.5, is_saved=False, code=b"2"), "from a state of another version of its code"),
     ],
 )
@@ -67,12 +71,49 @@ def test_a_start_is_judged_by_what_was_saved(restored: StateSeen, says: str | No
     assert found == ([] if says is None else [f"pitch_trim on {restored.pe} starts {says}"])
 
 
+def test_equal_bytes_of_a_later_round_make_a_state_no_younger() -> None:
+    oracle = CheckpointCheck(SPEC)
+    for one in (SAVED, seen(2.0, is_saved=True, number=8), seen(2.1, is_saved=False, pe="right")):
+        oracle.state_seen(one)
+    (violation,) = oracle.violations
+    assert violation.story == "pitch_trim on right starts from a state that is 1100.0 ms old, but may be 1000 ms old"
+
+
 def test_a_state_is_used_once_on_a_pe() -> None:
     oracle = CheckpointCheck(SPEC)
     for one in (SAVED, seen(1.5, is_saved=False), seen(1.6, is_saved=False, pe="right"), seen(1.7, is_saved=False)):
         oracle.state_seen(one)
     (violation,) = oracle.violations
     assert violation.story == "pitch_trim on left starts from a state from which it has started there before"
+
+
+def moved_to_other_code() -> Simulation:
+    """A flight in which the modules move to a PE that has another version of their code."""
+    flight = Simulation(SPEC)
+    flight.run_until(S)
+    classes = flight.fleet.running["right"]._host._runner._classes
+    classes.update({image: type(code.__name__, (code,), {"__module__": __name__}) for image, code in classes.items()})
+    flight.run_until(4 * S)
+    assert not [one for one in flight.events if isinstance(one, StateRestored)]
+    flight.fleet.kill("left")
+    flight.run_until(6 * S)
+    return flight
+
+
+def test_a_state_of_another_version_of_the_code_is_not_used() -> None:
+    flight = moved_to_other_code()
+    lacking = {(one.module, one.by, one.why) for one in flight.events if isinstance(one, StateLacking)}
+    why = "its state is of another version of its code, or damaged"
+    assert {("pitch_filter", "right", why), ("pitch_trim", "right", why)} <= lacking
+    assert flight.broken() == []
+
+
+def test_the_oracle_finds_a_state_of_another_version_of_the_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SentState, "is_of", lambda *_: True)
+    found = {one.story for one in moved_to_other_code().broken()}
+    assert found == {
+        f"{name} on right starts from a state of another version of its code" for name in ("pitch_filter", "pitch_trim")
+    }
 
 
 def test_a_dbc_names_the_fields_of_each_frame() -> None:

@@ -4,7 +4,8 @@ The simulator reports each state that a module has saved, and each state from wh
 moment on the simulator's own clock. The oracle reads no frame: whatever became of the state between these two moments,
 the following must hold for each start from a state:
 
-- The same module has saved exactly these bytes before. So no half of a state is restored, and none of another module.
+- The same module has saved exactly these bytes before, in the round that the state names. So no half of a state is
+  restored, and none of another module. Equal bytes of another round are another state, with an age of its own.
 - The same version of the code has saved them.
 - The time since then, as it really passed, is at most `max_age_ms` of the spec.
 - No start has used the state before on this PE: a state that makes its module fail is used once.
@@ -35,7 +36,7 @@ class CheckpointCheck(Oracle):
         if seen.is_saved:
             self._saved[seen.module].append(seen)
             return
-        equal = [one for one in self._saved[seen.module] if one.data == seen.data]
+        equal = [one for one in self._saved[seen.module] if (one.data, one.round) == (seen.data, seen.round)]
         same = [one for one in equal if one.code == seen.code]
         if not equal:
             self._tell(seen, f"from {seen.data.hex()}, which it has never saved")

@@ -271,10 +271,11 @@ class SimulatedPe(Node):
         code = self._host.code(answer.module)
         digest = b"" if code is None else code_digest(type(code))
         if isinstance(answer, StateSaved) and answer.data:
-            self._state(StateSeen(now_ns, self.name, module, True, answer.data, digest))
+            self._state(StateSeen(now_ns, self.name, module, True, answer.data, digest, answer.round))
         elif isinstance(answer, StateRestored) and isinstance(action, StartModule):
             assert isinstance(action.kept, KeptState)
-            self._state(StateSeen(now_ns, self.name, module, False, action.kept.state.data, digest))
+            state = action.kept.state
+            self._state(StateSeen(now_ns, self.name, module, False, state.data, digest, state.round))
 
     def _do(self, action: Action) -> ModuleEvent | None:
         if type(action) is StepModule:

@@ -37,7 +37,7 @@ class Withheld(NamedTuple):
 class StateSeen(NamedTuple):
     """A module has saved its state (`is_saved`), or has started from a state.
 
-    data: the bytes of the state. code: digest of the module's code on this PE.
+    data: the bytes of the state. code: digest of the module's code on this PE. round: in which it was saved.
     """
 
     t_ns: int
@@ -46,6 +46,7 @@ class StateSeen(NamedTuple):
     is_saved: bool
     data: bytes
     code: bytes
+    round: int
 
 
 class Driven(NamedTuple):
