@@ -28,9 +28,10 @@ the spec from the PE, and tells in an event why the PE stages nothing. It tells 
 one. Without an answer it tells what it knows. Anybody may forge the answer, which therefore changes nothing but the
 sentence.
 
-A manager reads these details only while it is active and may send, and only from PEs on its own bus, since no
-gateway forwards SDO. It keeps what it has read until it ends; another manager reads the details again.
-`object_reader` says what lost, late, doubled and forged frames cause. No decision depends on these details.
+A manager reads these details only while it is active and may send, and only from PEs on its own bus: to those beyond
+gateways, SDO is for tables and code. From a PE that is being brought one of these it reads later. It keeps what it has
+read until it ends; another manager reads the details again. `object_reader` says what lost, late, doubled and forged
+frames cause. No decision depends on these details.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
