@@ -80,8 +80,8 @@ def test_a_demo_shows_itself_and_executes_what_its_page_orders(demo: Demo) -> No
     demo.until(events.Process, pe="tail_pe", what="killed")
     assert "does not run" in demo.order(demo.token, do="kill", what="pe:tail_pe")["sentence"]
     assert demo.until(events.Reconfigured).epoch > epoch
-    assert not demo.order(demo.token, do="restore", what="pe:sensor_pe")["done"]
-    assert demo.order(demo.token, do="restore", what="pe:tail_pe")["done"]
+    assert not demo.order(demo.token, do="start", what="pe:sensor_pe")["done"]
+    assert demo.order(demo.token, do="start", what="pe:tail_pe")["done"]
     demo.until(events.PeJoined, pe="tail_pe")
     phase = demo.order(demo.token, do="phase", what="war")
     assert not phase["done"]
