@@ -5,11 +5,9 @@ whatever happens: the PE runs no code or exactly the bundle; in the end it runs 
 other PE is lost.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from hashlib import sha256
-from heapq import heappop, heappush
-from itertools import count
 
 import pytest
 
@@ -33,6 +31,7 @@ from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_
 from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
 from heronry_wire.sdo import ABORT, UPLOAD, Abort, abort_message, with_data
 from lab.peers import PlayedObjects
+from manager.messages_on_the_way import Change, Exchange, changes
 from manager.one_manager import MS, OneManager, two_tails
 from manager.test_operator import say
 from manager.test_table_pace import deploy
@@ -44,19 +43,10 @@ IMAGE = "state_estimator"
 CONTENT = bytes(range(251)) * 30  # two parts
 BUNDLE = CodeBundle("nav", 3, frozenset((IMAGE,)), CONTENT)
 LACK = Emergency(FaultCode.MODULE_MISSING, 0x81, ElementKind.MODULE, 0, 0)
-ON_THE_WAY_NS, WORK_NS = MS, 700 * MS
+WORK_NS = 700 * MS
 LONGEST_NS = 60_000 * MS
 
-Change = Callable[[bytes], list[tuple[int, bytes]]]
-
-CHANGES: dict[str, Change] = {
-    "lost": lambda _data: [],
-    "doubled": lambda data: [(0, data), (0, data)],
-    "late": lambda data: [(200 * MS, data)],
-    "very late": lambda data: [(1_500 * MS, data)],
-    "damaged": lambda data: [(0, bytes((*data[:-1], data[-1] ^ 1)))],
-    "replaced by an abort": lambda _data: [(0, abort_message(PROGRAM_TRANSFER, 1, Abort.TIME_OUT))],
-}
+CHANGES = changes(PROGRAM_TRANSFER, 1)
 
 
 class Pe:
@@ -128,67 +118,39 @@ class Pe:
         self.programs.changed(ProgramState(version, digest=sha256(content).digest() if version else b""))
 
 
-class Flight:
+class Flight(Exchange):
     """Three PEs that fly, one of which lacks code, and their manager."""
 
     def __init__(
         self, change: Change | None = None, at: int = -1, *, error: int = 0, lack: bool = True, **more
     ) -> None:
-        self.manager = OneManager(**{"bundles": (BUNDLE,), **more})
-        self.manager.start(fly=False)
-        self.pe = Pe(self.manager.now_ns, error)
-        self.change, self.at, self.messages = change, at, 0
-        self.on_the_way: list[tuple[int, int, Frame]] = []
-        self.order = count()
-        self.sent = len(self.manager.frames)
+        manager = OneManager(**{"bundles": (BUNDLE,), **more})
+        manager.start(fly=False)
+        super().__init__(manager, NODE, change, at)
+        self.pe = Pe(manager.now_ns, error)
         if lack:
-            self.manager.report(PE, LACK)
+            manager.report(PE, LACK)
 
     def fly(self, until: Callable[[], bool] = lambda: False, longest_ns: int = LONGEST_NS) -> bool:
-        """Fly until something holds; tells whether it came to hold."""
-        end_ns = self.manager.now_ns + longest_ns
-        while not until():
-            if self.manager.now_ns >= end_ns:
-                return False
-            self._step(end_ns)
-        return True
+        return super().fly(until, longest_ns)
 
-    def _step(self, end_ns: int) -> None:
-        manager, now_ns = self.manager, self.manager.now_ns
+    @property
+    def identifiers(self) -> Collection[int]:
+        return (REQUEST,)
+
+    def due_ns(self, end_ns: int) -> int:
         works_ns = end_ns if self.pe.works is None or self.pe.never_ends else self.pe.works[0]
-        dues = [self.pe.server.next_ns, works_ns, manager.core.next_deadline_ns() or end_ns, end_ns]
-        dues += [self.on_the_way[0][0]] if self.on_the_way else []
-        manager.pass_time(max(1, min(dues) + 1 - now_ns))
-        self._collect()
-        while self.on_the_way and self.on_the_way[0][0] <= manager.now_ns:
-            frame = heappop(self.on_the_way)[2]
-            if frame.can_id == REQUEST:
-                self._say(self.pe.hear(frame.data, manager.now_ns))
-            else:
-                manager.hear(frame)
-                self._collect()
-        self._say(self.pe.tick(manager.now_ns))
+        return min(self.pe.server.next_ns, works_ns)
+
+    def hear(self, frame: Frame) -> None:
+        self._say(self.pe.hear(frame.data, self.manager.now_ns))
+
+    def tick(self) -> None:
+        self._say(self.pe.tick(self.manager.now_ns))
 
     def _say(self, answers: list[bytes]) -> None:
         for data in answers:
-            self._pass_on(Frame(ANSWER, data))
-
-    def _collect(self) -> None:
-        new, self.sent = self.manager.frames[self.sent :], len(self.manager.frames)
-        for frame in new:
-            if frame.can_id == REQUEST:
-                self._pass_on(frame)
-
-    def _pass_on(self, frame: Frame) -> None:
-        copies = [(0, frame.data)]
-        if self.messages == self.at and self.change is not None:
-            copies = self.change(frame.data)
-        self.messages += 1
-        for later_ns, data in copies:
-            heappush(
-                self.on_the_way,
-                (self.manager.now_ns + ON_THE_WAY_NS + later_ns, next(self.order), Frame(frame.can_id, data)),
-            )
+            self.pass_on(Frame(ANSWER, data))
 
     def has_come(self) -> bool:
         return bool(self.manager.of(events.CodeBrought))

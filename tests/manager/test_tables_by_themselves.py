@@ -4,9 +4,8 @@ What must hold whatever happens: the PE has no table or exactly its own; in the 
 stay available.
 """
 
-from collections.abc import Callable
-from heapq import heappop, heappush
-from itertools import count, pairwise
+from collections.abc import Callable, Collection
+from itertools import pairwise
 
 import pytest
 
@@ -25,29 +24,19 @@ from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.sdo import Abort, abort_message
 from heronry_wire.state_frames import Reason
 from lab.peers import PlayedObjects
+from manager.messages_on_the_way import Change, Exchange, changes
 from manager.one_manager import MS, SPEC_TEXT, OneManager, two_tails
 from thoroughness import IS_WHOLE
 
 PE, NODE = "right", 94
 SPEC = two_tails()
 OWN = PeTable.from_json(PeTables(Compiler(SPEC), ()).text(PE))
-ON_THE_WAY_NS = MS
 LONGEST_NS = 12_000 * MS
 
-Change = Callable[[bytes], list[tuple[int, bytes]]]
-"""What becomes of a message: how much later each copy comes, and its bytes."""
-
-CHANGES: dict[str, Change] = {
-    "lost": lambda _data: [],
-    "doubled": lambda data: [(0, data), (0, data)],
-    "late": lambda data: [(200 * MS, data)],
-    "very late": lambda data: [(1_500 * MS, data)],
-    "damaged": lambda data: [(0, bytes((*data[:-1], data[-1] ^ 1)))],
-    "replaced by an abort": lambda _data: [(0, abort_message(TABLE, 0, Abort.TIME_OUT))],
-}
+CHANGES = changes(TABLE, 0)
 
 
-class Flight:
+class Flight(Exchange):
     """Two PEs that are available, one that waits, and their manager.
 
     change: what becomes of message number `at` between manager and waiting PE; None: nothing.
@@ -56,15 +45,12 @@ class Flight:
 
     def __init__(self, change: Change | None = None, at: int = -1, *, key: Key | None = None) -> None:
         self.key, self.starts = key, 0
-        self.manager = OneManager(key=key, brings_tables=True)
-        self.manager.start(fly=False)
-        self.manager.die(PE)
-        self.manager.pass_time(1_200 * MS)
-        self.change, self.at, self.messages = change, at, 0
-        self.on_the_way: list[tuple[int, int, Frame]] = []
-        self.order = count()
+        manager = OneManager(key=key, brings_tables=True)
+        manager.start(fly=False)
+        manager.die(PE)
+        manager.pass_time(1_200 * MS)
+        super().__init__(manager, NODE, change, at)
         self.notes: list[str] = []
-        self.sent = len(self.manager.frames)
         self.restart_pe()
 
     def restart_pe(self) -> None:
@@ -73,53 +59,28 @@ class Flight:
         self.pe = WaitingCore(NODE, 1_000_000, self.manager.now_ns, secret)
 
     def fly(self, until: Callable[[], bool], longest_ns: int = LONGEST_NS) -> bool:
-        """Fly until something holds; tells whether it came to hold."""
-        end_ns = self.manager.now_ns + longest_ns
-        while not until():
-            if self.manager.now_ns >= end_ns:
-                return False
-            self._step(end_ns)
-        return True
+        return super().fly(until, longest_ns)
 
-    def _step(self, end_ns: int) -> None:
-        manager, now_ns = self.manager, self.manager.now_ns
-        dues = [self.pe.next_deadline_ns(), manager.core.next_deadline_ns() or end_ns, end_ns]
-        dues += [self.on_the_way[0][0]] if self.on_the_way else []
-        manager.pass_time(max(1, min(dues) + 1 - now_ns))
-        self._collect()
-        while self.on_the_way and self.on_the_way[0][0] <= manager.now_ns:
-            frame = heappop(self.on_the_way)[2]
-            if frame.can_id in self.pe.identifiers:
-                self._do(self.pe.step(manager.now_ns, Received(0, frame)))
-            else:
-                manager.hear(frame)
-                self._collect()
-        if self.pe.next_deadline_ns() <= manager.now_ns:
-            self._do(self.pe.step(manager.now_ns, Tick()))
+    @property
+    def identifiers(self) -> Collection[int]:
+        return self.pe.identifiers
+
+    def due_ns(self, end_ns: int) -> int:
+        return min(self.pe.next_deadline_ns(), end_ns)
+
+    def hear(self, frame: Frame) -> None:
+        self._do(self.pe.step(self.manager.now_ns, Received(0, frame)))
+
+    def tick(self) -> None:
+        if self.pe.next_deadline_ns() <= self.manager.now_ns:
+            self._do(self.pe.step(self.manager.now_ns, Tick()))
         assert self.pe.table in (None, OWN)
 
     def _do(self, actions: list[object]) -> None:
         self.notes += [action.text for action in actions if isinstance(action, Note)]
         for action in actions:
             if isinstance(action, Send):
-                self._pass_on(action.frame)
-
-    def _collect(self) -> None:
-        new, self.sent = self.manager.frames[self.sent :], len(self.manager.frames)
-        for frame in new:
-            if frame.can_id in self.pe.identifiers:
-                self._pass_on(frame)
-
-    def _pass_on(self, frame: Frame) -> None:
-        """Put a frame on its way; only SDO is counted and changed."""
-        copies = [(0, frame.data)]
-        if frame.can_id in (sdo_request_id(NODE), sdo_response_id(NODE)):
-            if self.messages == self.at and self.change is not None:
-                copies = self.change(frame.data)
-            self.messages += 1
-        for later_ns, data in copies:
-            at_ns = self.manager.now_ns + ON_THE_WAY_NS + later_ns
-            heappush(self.on_the_way, (at_ns, next(self.order), Frame(frame.can_id, data)))
+                self.pass_on(action.frame)
 
     def has_table(self) -> bool:
         return self.pe.table is not None

@@ -107,7 +107,7 @@ class AgentDriver:
         self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as last handed to the core
         self._accepted: Collection[int] = ()  # identifiers that the links now receive
         self._haste, self._may_gather = Haste(table), len(links) == 1
-        self._patient_links: tuple[Link, ...] = ()  # those whose data do not wake this loop
+        self._patient: Link | None = None  # the only link, if its data do not wake this loop
         self._until_eof = False
         self._lateness: LatenessMeter
         self._cost = meter
@@ -139,7 +139,7 @@ class AgentDriver:
                 link_ns = link.next_deadline_ns()
                 due_ns = due_ns if link_ns is None else min(due_ns, link_ns)
             now_ns = time.monotonic_ns()
-            if any(link.is_patient for link in self._patient_links):
+            if self._patient is not None and self._patient.is_patient:
                 due_ns = min(due_ns, now_ns + PATIENCE_NS)
             self._lateness.waits(core_due_ns, now_ns)
             self._cost.waits(now_ns)
@@ -184,7 +184,7 @@ class AgentDriver:
             uplink.thin(needed_states(self._table))
             if self._may_gather:
                 uplink.be_patient()
-                self._patient_links = (uplink,)
+                self._patient = uplink
 
     def _let_frames_gather(self, ready: Sequence[object], due_ns: int) -> None:
         """Sleep on for a moment, if a frame has woken this loop, nothing is urgent, and the bus itself does not gather.
@@ -263,14 +263,12 @@ class AgentDriver:
                 link.accept(identifiers, self.core.patient_identifiers)
 
     def _take_frames(self, ready: Collection[object]) -> None:
-        patient = [link for link in self._patient_links if link.is_patient]
-        if not ready and not patient:
+        if self._patient is not None and self._patient.is_patient:
+            links = [(0, self._links[0])]
+        elif not ready:
             return
-        links = [
-            (port, link)
-            for port, link in enumerate(self._links)
-            if link in patient or any(one in ready for one in link.readers)
-        ]
+        else:
+            links = [(port, link) for port, link in enumerate(self._links) if any(one in ready for one in link.readers)]
         if not links:
             return
         for _ in range(_BURSTS):
