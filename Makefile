@@ -35,7 +35,7 @@ demo: .venv/ready-to-run
 # processor idle: simulated flights with one and two faults take what tests with processes leave over, at the lowest
 # priority; new flights and the scenario files fly beside the tests on a CAN bus, since a user-mode Linux has one
 # processor. `test` and `soak` do all of this; `test` runs the long tests (tests/thoroughness.py) in part, `soak`
-# completely. A test that hangs in `test` fails after 300 s and shows where it stood.
+# completely. A test that hangs in `test` fails after 400 s and shows where it stood.
 FAULTS := $(wildcard tests/scenarios/test_single_*.py tests/scenarios/test_two_*.py)
 SCENARIO_FILES := tests/scenarios/test_scenario_files.py
 LINTING := tests/wire/test_bytes_of_frames.py tests/lab/tests/test_clock_of_the_day.py tests/lab/tests/test_file_lengths.py
@@ -43,7 +43,7 @@ test: BUT := and not soak
 test: FLIGHTS := 7
 test: FLIGHTS_OF_BIG_BLUE := 3
 test: AT_A_TIME := -j 2 JOBS=1
-test: export PYTEST_TIMEOUT := 300
+test: export PYTEST_TIMEOUT := 400
 soak: FLIGHTS := 500
 soak: FLIGHTS_OF_BIG_BLUE := 100
 soak: AT_A_TIME := -j 1 JOBS=0

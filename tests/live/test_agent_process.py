@@ -74,8 +74,10 @@ class Ground:
 
     def hear(self, wanted: Callable[[Frame], bool]) -> list[Frame]:
         """Return all frames up to the first wanted one."""
-        heard = []
+        heard: list[Frame] = []
+        end_s = monotonic() + 3 * PATIENCE_S
         while True:
+            assert monotonic() < end_s, f"what is wanted does not come; the last frames were {heard[-20:]}"
             message = self.bus.recv(PATIENCE_S)
             assert message is not None, "the agent has fallen silent"
             heard.append(Frame(message.arbitration_id, bytes(message.data)))

@@ -30,6 +30,7 @@ pytestmark = pytest.mark.live
 LATEST_S = 2.5  # big_blue's contingencies take longer, and so does everything that flies
 MOMENTS = 10 if IS_WHOLE else 1
 SOON_S = 20.0  # nothing is timed here: -rP shows the time that it took
+WHOLE_S = 200.0
 BUS = "-i softbus -c ./bus.sock -b 1000000"
 COMMANDS = {
     "plan": "plan big_blue --down pe:flight --json",
@@ -190,7 +191,7 @@ def results_of_whole(command: str, folder: Path) -> dict[str, bytes]:
     """Return what the same command writes where nothing interrupts it."""
     for file in folder.glob("result.*"):
         file.unlink()
-    assert started(COMMANDS[command].split(), folder).wait() == 0
+    assert started(COMMANDS[command].split(), folder).wait(WHOLE_S) == 0, command
     return results(folder)
 
 
