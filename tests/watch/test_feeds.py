@@ -18,6 +18,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.sources.recordings import open_recording, tables_of
 from heronry_tools.watch.listening import Listening
 from heronry_tools.watch.metrics import exposition
+from heronry_tools.watch.orders import Orders
 from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Snapshot, document
@@ -25,7 +26,6 @@ from heronry_tools.watch.timeline import Timeline
 from heronry_tools.watch.top.sources import RecordedSource
 from heronry_tools.web.app import Site, application
 from heronry_tools.web.guard import Access
-from heronry_tools.web.orders import Orders
 from heronry_tools.web.questions import Questions
 from heronry_tools.web.recording import Recording as WebRecording
 from heronry_wire.frame import Frame, format_log_line

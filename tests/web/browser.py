@@ -17,11 +17,11 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.watch.orders import Orders
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.app import Site
 from heronry_tools.web.guard import Access
 from heronry_tools.web.live import Live
-from heronry_tools.web.orders import Orders
 from heronry_tools.web.questions import Questions
 from heronry_tools.web.recording import Recording
 from heronry_tools.web.serving import access, configuration, listening

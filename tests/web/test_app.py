@@ -2,8 +2,6 @@
 
 import asyncio
 import json
-import socket
-import threading
 from pathlib import Path
 
 import pytest
@@ -22,16 +20,17 @@ from heronry_manager.core.vocabulary import (
 )
 from heronry_manager.events.reading import events_in
 from heronry_manager.shell.control_protocol import Answer, FlyScript
+from heronry_tools.watch import orders
+from heronry_tools.watch.orders import Orders
 from heronry_tools.watch.reducer import Reducer
-from heronry_tools.web import orders
 from heronry_tools.web.app import Site, application
 from heronry_tools.web.guard import HEADERS, Access
 from heronry_tools.web.live import Live
-from heronry_tools.web.orders import Orders
 from heronry_tools.web.questions import Questions
 from heronry_tools.web.recording import Recording
 from heronry_tools.web.stream import live_stream
 from heronry_wire.frame import Frame, LoggedFrame, format_log_line
+from tools.test_process_orders import Demo
 from web.flight import big_blue, flown
 
 TOKEN = "t0ken"
@@ -134,41 +133,24 @@ def test_another_site_learns_and_orders_nothing(reading):
     assert "access-control-allow-origin" not in reading.get("/api/snapshot", headers={"origin": ORIGIN}).headers
 
 
-def demo(answer):
-    """A demo that takes one order."""
-    here, there = socket.socketpair()
-    got = []
-
-    def take():
-        with there:
-            got.append(json.loads(there.recv(4096)))
-            there.sendall(answer)
-
-    threading.Thread(target=take, daemon=True).start()
-    return here, got
-
-
 def operated(orders):
     return client(live_site(orders=orders, access=Access("127.0.0.1", 8321, TOKEN, operates=True)))
 
 
-def test_orders_of_a_demo_reach_it():
-    here, got = demo(b'{"done": true, "sentence": "pe:nav is killed"}\n')
-    with here, operated(Orders(None, here)) as asking:
-        assert asking.get("/api/facts").json()["orders"].keys() == {"kill", "start"}
-        answer = asking.post("/api/order", json={"do": "kill", "what": "pe:nav"}, headers=ORDER).json()
-    assert answer == {"done": True, "sentence": "pe:nav is killed"}
-    assert got == [{"do": "kill", "what": "nav"}]
-    here, got = demo(b'{"done": true, "sentence": "pe:nav starts"}\n')
-    with here, operated(Orders(None, here)) as asking:
-        asking.post("/api/order", json={"do": "start", "what": "pe:nav"}, headers=ORDER)
-    assert got == [{"do": "restore", "what": "nav"}]
+def test_orders_of_a_demo_reach_it(tmp_path):
+    manager = tmp_path / "some.sock"
+    demo = Demo(manager)
+    with demo.looping(), operated(Orders(manager)) as asking:
+        assert asking.get("/api/facts").json()["orders"].keys() >= {"kill", "start", "fail"}
+        for do, sentence in (("kill", "pe:left: kill"), ("start", "pe:left: restore")):
+            answer = asking.post("/api/order", json={"do": do, "what": "pe:left"}, headers=ORDER).json()
+            assert answer == {"done": True, "sentence": sentence}
+    assert demo.done == [("kill", "left"), ("restore", "left")]
 
 
-def test_a_demo_that_has_ended_is_told():
-    here, there = socket.socketpair()
-    there.close()
-    with here, operated(Orders(None, here)) as asking:
+def test_a_demo_that_has_ended_is_told(tmp_path):
+    with operated(Orders(tmp_path / "some.sock")) as asking:
+        assert "kill" not in asking.get("/api/facts").json()["orders"]
         answer = asking.post("/api/order", json={"do": "kill", "what": "pe:nav"}, headers=ORDER).json()
     assert not answer["done"]
     assert "has it ended?" in answer["sentence"]
@@ -179,7 +161,7 @@ def test_an_order_to_a_manager_that_is_not_there_is_answered(tmp_path):
         answer = asking.post("/api/order", json={"do": "fail", "what": "pe:nav"}, headers=ORDER).json()
         assert not answer["done"]
         assert "no manager listens" in answer["sentence"]
-        unknown = asking.post("/api/order", json={"do": "kill", "what": "pe:nav"}, headers=ORDER).json()
+        unknown = asking.post("/api/order", json={"do": "land", "what": "pe:nav"}, headers=ORDER).json()
         assert "phase, fail, clear, retire, restore, priority, unlock, script, release" in unknown["sentence"]
         for body in ("[1]", "{", "null"):
             head = {**ORDER, "content-type": "application/json"}

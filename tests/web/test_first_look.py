@@ -1,13 +1,11 @@
 """What a user sees first, on a desk and on a phone: the graph, what is lost and why; legible, and without a click."""
 
-import socket
-from pathlib import Path
-
 import pytest
 
 from heronry_manager.events import Adopted
 from heronry_tools.fly.report.axes import picture
 from heronry_tools.fly.report.flight_page import page
+from tools.test_process_orders import Demo
 from web.browser import Server, Watched, browser, needs_chromium
 from web.flight import big_blue, three_lost
 from web.test_page import PANELS, Noted, expect_axe_to_find_nothing, watched_now
@@ -149,11 +147,11 @@ def test_every_panel_is_legible(chromium, server, width, scheme):
         expect_legible(watched, f"{panel} at {width}, {scheme}")
 
 
-def test_only_orders_that_can_be_given_now_are_offered_and_an_adopted_epoch_is_listed(chromium):
+def test_only_orders_that_can_be_given_now_are_offered_and_an_adopted_epoch_is_listed(chromium, tmp_path):
     live = watched_now(three_lost())
     live.take_all([Adopted(live.snapshot.t_ns, epoch=77, digest="0000AB")], None, is_alive=True)
-    ours, theirs = socket.socketpair()
-    with ours, theirs, Server(live, operates=True, orders=Noted(Path("none.sock"), ours)) as running:
+    manager = tmp_path / "none.sock"
+    with Demo(manager).looping(), Server(live, operates=True, orders=Noted(manager)) as running:
         watched = Watched(chromium, DESK)
         watched.open(running.access.url(with_token=True))
         for pe, one in watched.known()["pes"].items():

@@ -5,10 +5,11 @@ import os
 import time
 
 from heronry_manager import events
+from heronry_manager.shell.control_place import standby_of
 from heronry_tools.watch import live_feeds
 from heronry_tools.watch.live_feeds import FollowedManager
 from heronry_tools.watch.reducer import Reducer
-from heronry_tools.web.following import read_in_thread, standby_of
+from heronry_tools.web.following import read_in_thread
 from heronry_tools.web.live import Live
 from watch.test_live_feeds import PATIENCE_S, SPEC, manager_on, status
 

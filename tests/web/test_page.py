@@ -28,11 +28,11 @@ from heronry_manager.shell.control_protocol import Answer
 from heronry_pcs.plan_script import module_graph
 from heronry_pcs.script_difference import difference
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.watch.orders import Orders
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import document
 from heronry_tools.web.desk import Desk
 from heronry_tools.web.live import Live
-from heronry_tools.web.orders import Orders
 from lab.benches.screens import heap_bytes
 from thoroughness import part_of, sample
 from watch.flights import PICTURES
@@ -178,7 +178,7 @@ class Noted(Orders):
 
     given: list = field(default_factory=list)
 
-    async def give(self, order):
+    def give(self, order):
         self.given.append(order)
         return Answer(done=True, sentence="the order is noted")
 
@@ -192,7 +192,7 @@ def watched_now(events=None):
 @pytest.mark.soak
 def test_an_order_is_given_only_after_what_it_costs_is_named(chromium):
     given = []
-    with Server(watched_now(), operates=True, orders=Noted(Path("none.sock"), None, given)) as server:
+    with Server(watched_now(), operates=True, orders=Noted(Path("none.sock"), given)) as server:
         watched = Watched(chromium)
         watched.open(server.access.url(with_token=True))
         assert server.access.token not in watched.page.url
@@ -302,7 +302,7 @@ def test_every_other_order_is_given_from_the_page(chromium):
     given = []
     keyed = (replace(one, key="A1B2C3") if isinstance(one, ManagerStarted) else one for one in flown())
     live = watched_now(list(keyed))
-    with Server(live, operates=True, orders=Noted(Path("none.sock"), None, given)) as server:
+    with Server(live, operates=True, orders=Noted(Path("none.sock"), given)) as server:
         watched = Watched(chromium)
         watched.open(server.access.url(with_token=True))
         assert watched.page.is_hidden('[data-order="release"]')

@@ -16,11 +16,11 @@ from starlette.testclient import TestClient
 from heronry_dg.traffic import identifiers
 from heronry_manager.events import Reconfigured
 from heronry_tools.watch.data_samples import data_sources, sample_of
+from heronry_tools.watch.orders import Orders
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.app import Site, application
 from heronry_tools.web.guard import Access
 from heronry_tools.web.live import Live
-from heronry_tools.web.orders import Orders
 from heronry_tools.web.plots import live as live_room
 from heronry_tools.web.plots.asked import MOST_VARIABLES, PlotError, checked_variables
 from heronry_tools.web.plots.live import LivePlots, live_values

@@ -10,10 +10,12 @@ import os
 import socket
 import struct
 from pathlib import Path
+from typing import Final
 
 from heronry_wire.errors import HeronryError
 from heronry_wire.runtime_folder import RuntimeFolderError, owned_folder, runtime_folder, trusted_folder
 
+STANDBY: Final = "-standby"  # behind the name of a spec: the socket of its standby manager
 _CREDENTIALS = struct.Struct("3i")  # process, user, group: man 7 unix, SO_PEERCRED
 _LONGEST_PATH_BYTES = 107  # of a UNIX-domain socket's address on Linux: 108 with the final zero
 
@@ -25,6 +27,16 @@ class ControlError(HeronryError):
 def default_socket(spec_name: str) -> Path:
     """Return the path of the socket for the manager of this spec."""
     return runtime_folder() / f"{spec_name}.sock"
+
+
+def standby_of(path: Path) -> Path:
+    """Return the path of the standby manager's socket, beside the given socket of an active manager."""
+    return path.with_name(f"{path.stem}{STANDBY}{path.suffix}")
+
+
+def active_of(path: Path) -> Path:
+    """Return the path of the active manager's socket, beside the given one, which may be the standby manager's."""
+    return path.with_name(f"{path.stem.removesuffix(STANDBY)}{path.suffix}")
 
 
 def listening_folder(path: Path) -> Path:

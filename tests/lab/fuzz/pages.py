@@ -7,11 +7,11 @@ from functools import cache
 from typing import Any
 
 from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.watch.orders import Orders
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.app import Site, application
 from heronry_tools.web.desk import Desk
 from heronry_tools.web.guard import Access, Guard
-from heronry_tools.web.orders import Orders
 from heronry_tools.web.questions import Questions
 from heronry_tools.web.recording import Recording
 from lab.fuzz.decoders import spec

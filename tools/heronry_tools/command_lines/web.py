@@ -44,7 +44,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print the address of the page as one JSON object")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
-    parser.add_argument("--demo-orders", type=int, help=argparse.SUPPRESS)  # a socket pair of `heronry demo --web`
+    parser.add_argument("--starts-later", action="store_true", help=argparse.SUPPRESS)  # the manager, of a demo
 
 
 def _port(text: str) -> int:

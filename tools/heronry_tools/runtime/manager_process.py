@@ -23,7 +23,7 @@ from heronry_manager.core.tables import Compiler, ContingencyNumbers, PeTables, 
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planning_policy import PlanningPolicy
-from heronry_manager.shell.control_place import default_socket
+from heronry_manager.shell.control_place import STANDBY, default_socket
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.driver import FILTERS, ManagerDriver
 from heronry_manager.shell.journal import Journal
@@ -80,7 +80,7 @@ def mastership(arguments: argparse.Namespace) -> int:
     file = spec_path(arguments.spec)
     try:
         with ExitStack() as stack:
-            second = "-advisor" if arguments.advise else "" if _node(arguments) == FIRST_MANAGER else "-standby"
+            second = "-advisor" if arguments.advise else "" if _node(arguments) == FIRST_MANAGER else STANDBY
             name = f"{spec.name}{second}"
             control = stack.enter_context(ControlSocket(arguments.socket or default_socket(name)))
             planner = stack.enter_context(PlannerClient(spec, file, niceness=_PLANNER_NICENESS)) if has_solver else None

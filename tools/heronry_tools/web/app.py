@@ -22,11 +22,11 @@ from starlette.types import Receive, Scope, Send
 
 from heronry_dg.model import Spec
 from heronry_tools.watch.offered_orders import ORDERS, OfferedOrders
+from heronry_tools.watch.orders import Orders
 from heronry_tools.watch.snapshot import document
 from heronry_tools.web.facts import facts
 from heronry_tools.web.guard import Access, Guard
 from heronry_tools.web.live import Live
-from heronry_tools.web.orders import Orders
 from heronry_tools.web.picture import picture
 from heronry_tools.web.plots.asked import PlotError, checked_variables
 from heronry_tools.web.plots.recorded import RecordedPlots
@@ -214,7 +214,7 @@ class Site:
 
     async def order(self, request: Request) -> Response:
         """Send an order to the manager or the demo, and answer with the result."""
-        answer = await self._awaited(request, self.orders.give(await _json(request)))
+        answer = await self._awaited(request, asyncio.to_thread(self.orders.give, await _json(request)))
         if answer is None:
             return _NOBODY_WAITS
         return JSONResponse({"done": answer.done, "sentence": answer.sentence}, headers=_NO_STORE)

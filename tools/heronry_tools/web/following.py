@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from heronry_manager.events import Event
-from heronry_manager.shell.control_place import ControlError
+from heronry_manager.shell.control_place import ControlError, standby_of
 from heronry_tools.console.errors import as_user_error
 from heronry_tools.watch.live_feeds import Feed, FollowedManager
 from heronry_tools.web.live import Live
@@ -29,11 +29,6 @@ _BETWEEN_S: Final = 0.01  # from one look to the next: a look costs more than th
 _MOST_WAITING: Final = 64  # polls that the loop has not taken yet
 
 OpenFeed = Callable[[], Feed]
-
-
-def standby_of(path: Path) -> Path:
-    """Return the path of the standby manager's socket, beside the given socket of a manager."""
-    return path.with_name(f"{path.stem}-standby{path.suffix}")
 
 
 def read_in_thread(open_feed: OpenFeed, live: Live, manager: Path | None) -> None:

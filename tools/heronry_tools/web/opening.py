@@ -7,7 +7,6 @@ import argparse
 import json
 import os
 import signal
-import socket
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,12 +21,12 @@ from heronry_tools.recording.recorded_folder import head_of
 from heronry_tools.sim.scenario.script import read_script
 from heronry_tools.sources.opened import opened_source
 from heronry_tools.watch.live_feeds import FollowedManager
+from heronry_tools.watch.orders import Orders
 from heronry_tools.watch.recording import Recording as Recorded
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.app import Site
 from heronry_tools.web.following import OpenFeed, read_in_thread
 from heronry_tools.web.live import Live
-from heronry_tools.web.orders import Orders
 from heronry_tools.web.questions import Questions
 from heronry_tools.web.recording import Recording
 from heronry_tools.web.serving import access, listening, serve
@@ -61,10 +60,9 @@ def serve_what(arguments: argparse.Namespace) -> None:
     opened = _opened(arguments)
     if arguments.operate and opened.manager is None:
         raise UserError("--operate: only a manager on this computer takes orders; leave --operate out")
-    demo = None if arguments.demo_orders is None else socket.socket(fileno=arguments.demo_orders)
     listener = listening(arguments.listen, arguments.port)
     to = access(listener, operates=arguments.operate)
-    questions, orders = Questions(opened.spec, opened.file), Orders(opened.manager, demo)
+    questions, orders = Questions(opened.spec, opened.file), Orders(opened.manager)
     site = Site(opened.spec, opened.shown, questions, orders, to, opened.frames)
     if arguments.until_eof:
         threading.Thread(target=_end_with_input, daemon=True).start()
@@ -80,8 +78,8 @@ def serve_what(arguments: argparse.Namespace) -> None:
 
 
 def _opened(arguments: argparse.Namespace) -> Opened:
-    if arguments.demo_orders is not None:  # the manager of this demo starts later
-        return _demo(arguments)
+    if arguments.starts_later:
+        return _of_a_demo(arguments)
 
     source = opened_source(arguments)
     if isinstance(source, Recorded):
@@ -94,7 +92,8 @@ def _opened(arguments: argparse.Namespace) -> Opened:
     return Opened(source.spec, spec_path(arguments.spec), live, lambda: source)
 
 
-def _demo(arguments: argparse.Namespace) -> Opened:
+def _of_a_demo(arguments: argparse.Namespace) -> Opened:
+    """Open the manager of a demo, which starts later than its page."""
     spec = load_spec_file(arguments.spec)
     feed = partial(FollowedManager, arguments.socket)
     return Opened(spec, spec_path(arguments.spec), Live(Reducer(spec), "manager"), feed, arguments.socket)

@@ -32,7 +32,7 @@ from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.file_format import to_bytes
 from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.shell.control_client import call
-from heronry_manager.shell.control_place import ControlError, default_socket
+from heronry_manager.shell.control_place import STANDBY, ControlError, default_socket
 from heronry_manager.shell.control_protocol import Spoken
 from heronry_tools.console.contingencies_argument import Ahead
 from heronry_tools.console.errors import UserError
@@ -169,7 +169,7 @@ class Fleet:
         """Return the path of a manager's control socket."""
         if self._called is None:
             return self.folder / f"manager-{node}.sock"
-        return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}-standby")
+        return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}{STANDBY}")
 
     def active_manager(self) -> int:
         """Return the node-ID of the active manager: on a busy computer the standby manager may have taken over.

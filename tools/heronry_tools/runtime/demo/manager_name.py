@@ -9,9 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
 
-from heronry_manager.shell.control_place import ControlError, checked_length, default_socket, listening_folder
-
-_LONGEST_SUFFIX = "-standby"
+from heronry_manager.shell.control_place import (
+    STANDBY,
+    ControlError,
+    checked_length,
+    default_socket,
+    listening_folder,
+)
 
 
 @contextmanager
@@ -21,7 +25,7 @@ def manager_name(spec_name: str) -> Iterator[str | None]:
     Gives None if the user's folder of sockets cannot be used.
     """
     try:
-        folder = listening_folder(checked_length(default_socket(f"{spec_name}-demo-999{_LONGEST_SUFFIX}")))
+        folder = listening_folder(checked_length(default_socket(f"{spec_name}-demo-999{STANDBY}")))
     except ControlError:
         yield None
         return

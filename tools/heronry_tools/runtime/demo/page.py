@@ -1,32 +1,23 @@
-"""The page of a demo: a process of `heronry web`, and the orders that come from it.
+"""The page of a demo: a process of `heronry web`.
 
     started   the process has been started. Its first line has the address of the page
     serving   the first line has been read
     ended     the process has ended; the demo goes on
 
-The page process gets what it shows from the manager's socket, as every other client does. But only the demo can kill
-and restore a PE. So the page process and the demo share a socket pair:
-
-    page process   {"do": "kill", "what": "nav"}, or the same with "restore" in place of "kill"
-    demo           {"done": ..., "sentence": ...}
+The page process gets what it shows from the manager's socket, and gives its orders to the manager and to the demo
+(`process_orders`), as every other view does.
 """
 
 import json
-import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
 
 from heronry_tools.console.errors import UserError
 
-_MOST_BYTES: Final = 4096
 _END_S: Final = 5.0
-
-Do = Callable[[str, str], str]
-"""Kills or restores a PE, and says so in a sentence; raises UserError where that cannot be done."""
 
 
 class Page:
@@ -38,16 +29,14 @@ class Page:
         manager: the socket of the manager that the page shows.
         log: the file for the standard error of the process.
         """
-        self._orders, theirs = socket.socketpair()
         self._is_told, self._log = False, log
         command = ["heronry_tools.cli", "web", str(spec_file), "--socket", str(manager), "--operate", "--json"]
-        with theirs, log.open("ab") as errors:
+        with log.open("ab") as errors:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", *command, "--until-eof", "--demo-orders", str(theirs.fileno())],
+                [sys.executable, "-m", *command, "--until-eof", "--starts-later"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,
-                pass_fds=(theirs.fileno(),),
                 start_new_session=True,  # with its own share of the processors: nodes go first in theirs
             )
 
@@ -63,13 +52,13 @@ class Page:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout, self._orders):
+        for stream in (self._process.stdin, self._process.stdout):
             assert stream is not None
             stream.close()
 
     def readers(self) -> list[Any]:
-        """Return the descriptors that become readable when the page has sent something."""
-        return [self._said] if not self._is_told else [self._orders] if self._orders.fileno() >= 0 else []
+        """Return what becomes readable when the page has sent its address; nothing after that."""
+        return [] if self._is_told else [self._said]
 
     @property
     def is_served(self) -> bool:
@@ -81,13 +70,11 @@ class Page:
         assert self._process.stdout is not None
         return self._process.stdout
 
-    def address(self) -> str | None:
-        """Read the first line of the page process, and give the address in it; None if the line was read before.
+    def address(self) -> str:
+        """Read the first line of the page process, and give the address in it.
 
         To be called when one of `readers` is readable. Raises UserError where the page cannot be served.
         """
-        if self._is_told:
-            return None
         line = self._said.readline()
         if not line:
             self._process.wait()
@@ -95,16 +82,3 @@ class Page:
             raise UserError(f"the page cannot be served: {words or 'its process was killed'}")
         self._is_told = True
         return str(json.loads(line)["address"])
-
-    def execute(self, do: Do) -> None:
-        """Read an order of the page, carry it out with `do`, and answer."""
-        line = self._orders.recv(_MOST_BYTES)
-        if not line:  # the page has ended; the flight goes on
-            self._orders.close()
-            return
-        order = json.loads(line)
-        try:
-            answer = {"done": True, "sentence": do(order["do"], order["what"])}
-        except UserError as error:
-            answer = {"done": False, "sentence": str(error)}
-        self._orders.sendall(json.dumps(answer).encode() + b"\n")

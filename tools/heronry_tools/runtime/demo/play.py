@@ -26,6 +26,7 @@ from heronry_tools.runtime.demo.fleet import NODE_PRIORITY, Fleet, run_folder
 from heronry_tools.runtime.demo.manager_name import manager_name
 from heronry_tools.runtime.demo.page import Page
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
+from heronry_tools.runtime.demo.process_orders import ProcessOrders
 from heronry_tools.runtime.demo.run import Show
 from heronry_tools.runtime.demo.script import DemoAction, PhaseAction, read_phases, read_script
 from heronry_tools.runtime.wake_ups import kept_heartbeat_ns, latest_wake_up_ns, with_heartbeat
@@ -84,6 +85,7 @@ def play(arguments: argparse.Namespace) -> int:
                 devices=arguments.devices,
             )
         )
+        orders = stack.enter_context(ProcessOrders(fleet.control_socket()))
         page = None
         if arguments.web:
             page = stack.enter_context(Page(file, fleet.control_socket(), folder / "web.log"))
@@ -97,7 +99,7 @@ def play(arguments: argparse.Namespace) -> int:
         tell(events.Orders(time.monotonic_ns(), flags=flags))
         if behind is not None:
             stack.callback(behind.close)
-        show = Show(flown, fleet, choices, tell, behind, page=page)
+        show = Show(flown, fleet, choices, tell, behind, orders=orders, page=page)
         chosen = actions if actions or arguments.no_kill else None
         return _run(show, fleet, tell, lambda: show.run(chosen, seconds, record))
 

@@ -28,6 +28,7 @@ from heronry_tools.runtime.demo.fleet import Fleet
 from heronry_tools.runtime.demo.held_outages import HeldOutages
 from heronry_tools.runtime.demo.page import Page
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
+from heronry_tools.runtime.demo.process_orders import ProcessOrders
 from heronry_tools.runtime.demo.processor_waits import ProcessorWaits
 from heronry_tools.runtime.demo.script import MANAGER, DemoAction, PhaseAction, default_actions
 from heronry_tools.runtime.witness import Outage, Witness
@@ -54,6 +55,7 @@ class Show:
     choices: the python-can bus that stands for each bus of the spec, by the name of the bus in the spec.
     tell: gets every event, in the order of their times.
     behind: the process that makes plans for the next demo; None: there is none.
+    orders: the orders of views to kill and restore PEs; None: none are taken.
     page: the process that serves a page; None: there is none.
     """
 
@@ -65,9 +67,10 @@ class Show:
         tell: Tell,
         behind: PlanningAhead | None = None,
         *,
+        orders: ProcessOrders | None = None,
         page: Page | None = None,
     ) -> None:
-        self._page = page
+        self._orders, self._page = orders, page
         self._spec, self._fleet, self._choices, self._behind = spec, fleet, choices, behind
         self._tell, self._telling = tell, OrderedTelling(self._pass_on)
         self._is_waiting_told = False  # for what is under way when the time is up
@@ -130,7 +133,7 @@ class Show:
         meter = LatenessMeter(self._standstills.period_ns, time.monotonic_ns(), time.thread_time_ns())
         while not self._over():
             readers: list[Any] = [self._events, *(reader for ear in ears.values() for reader in ear.readers)]
-            readers += [] if self._page is None else self._page.readers()
+            readers += [one for door in (self._orders, self._page) if door is not None for one in door.readers()]
             wait_s = self._wait_s()
             meter.waits(time.monotonic_ns() + round(wait_s * 1e9))
             ready, _, _ = select.select(readers, [], [], wait_s)
@@ -294,20 +297,18 @@ class Show:
                 self._fleet.order(EnterPhase(action.phase), f"--phase {action.phase}")
             elif action.pe == MANAGER:
                 self._kill_manager()
-            elif self._fleet.has_pe(action.pe) == (action.what == "kill"):  # else the page has done it before
+            elif self._fleet.has_pe(action.pe) == (action.what == "kill"):  # else a view has ordered it before
                 self._do(action.what, action.pe)
 
     def _serve(self, ready: Sequence[Any]) -> None:
-        """Handle a message of the page: report the page's address, or carry out an order to kill or restore a PE.
+        """Report the address of the page when it comes, and carry out orders of views to kill or restore a PE.
 
-        ready: the descriptors that can be read; nothing is done if none of them is the page's.
+        ready: what can be read.
         """
         if self._page is not None and any(one in ready for one in self._page.readers()):
-            address = self._page.address()
-            if address is not None:
-                self._emit(events.Page, address=address)
-            else:
-                self._page.execute(self._do)
+            self._emit(events.Page, address=self._page.address())
+        if self._orders is not None:
+            self._orders.execute(ready, self._do)
 
     def _do(self, what: str, pe: str) -> str:
         """Kill or restore a PE; returns a sentence that says so. Raises UserError where that cannot be done."""

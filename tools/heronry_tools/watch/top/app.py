@@ -18,7 +18,7 @@ from textual.widgets import Footer, Input, Static
 
 from heronry_tools.watch.snapshot import Snapshot
 from heronry_tools.watch.top import panels
-from heronry_tools.watch.top.order_pages import Choice, Number, Question
+from heronry_tools.watch.top.order_pages import Choice, Number, Question, Script
 from heronry_tools.watch.top.panels import Look, joined
 from heronry_tools.watch.top.sources import RecordedSource, TopSource
 from heronry_tools.watch.top.terminal import Terminal
@@ -36,7 +36,7 @@ up, down       select a PE                    d   all details of it, and of the 
 1, 2, 3        events, reconfigurations, modules of the selected PE (tab: the next one)
 /              show only lines with these words; empty: all       SPACE   freeze the picture; counting goes on
 ?              this page                      q   quit
-o              give an order to the manager, after a question
+o              give an order to the manager, or to the demo, after a question
 page up, page down   scroll the functions
 
 of a recording:  left, right   one second     [, ]   the reconfiguration before, the next one
@@ -134,8 +134,8 @@ class TopApp(App[None]):
         self._tab = 0
         self._frozen: Snapshot | None = None
         self._waits_on: set[int] = set()
-        self._answer = ""  # of the manager to the last order
-        self._is_asked = False  # it has not answered yet
+        self._answer = ""  # to the last order
+        self._is_asked = False  # there is none yet
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Tell whether the action of a key can be carried out now.
@@ -297,9 +297,9 @@ class TopApp(App[None]):
         self.paint()
 
     def action_order(self) -> None:
-        """Let the user give an order to the manager; while it has not answered the last one, refuse."""
+        """Let the user give an order; while the last one is not answered, refuse."""
         if self._is_asked:
-            self._tell("the manager has not answered the last order yet; try again when it has")
+            self._tell("the last order is not answered yet; try again when it is")
         else:
             self._order()
 
@@ -311,9 +311,11 @@ class TopApp(App[None]):
         order = await self.push_screen_wait(Choice(list(operator.offered(view, self.look.selected))))
         if order is not None and order.do == "priority":
             order = await self.push_screen_wait(Number(order, view.functions[order.what].priority))
+        elif order is not None and order.do == "script":
+            order = await self.push_screen_wait(Script())
         if order is None or not await self.push_screen_wait(Question(order)):
             return
-        self._tell(f"{order.word()}: the manager is asked ...")
+        self._tell(f"{order.word()}: no answer yet ...")
         self._is_asked = True
         try:
             answer = await asyncio.to_thread(operator.give, order)

@@ -1,20 +1,20 @@
 """The pages over `heronry top` from which an order is given.
 
-    panels ──o──► Choice ──enter──► (Number, of a priority) ──► Question ──y──► the manager's socket ──► its answer
-                  escape            escape                      n, escape       in a thread, as it may take seconds
+    panels ──o──► Choice ──enter──► (Number of a priority, or Script) ──► Question ──y──► manager, or demo ──► answer
+                  escape            escape                                n, escape       in a thread, for seconds
 
-A page keeps the orders of the moment when it was opened. The manager decides: it answers an order that is no longer
-possible with a sentence.
+A page keeps the orders of the moment when it was opened. The manager or the demo decides, and answers an order that is
+no longer possible with a sentence.
 """
 
 from typing import ClassVar
 
 from rich.text import Text
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
-from textual.widgets import Footer, Input, OptionList, Static
+from textual.widgets import Footer, Input, OptionList, Static, TextArea
 from textual.widgets.option_list import Option
 
 from heronry_tools.watch.offered_orders import ORDERS
@@ -24,6 +24,7 @@ from heronry_wire.management import MOST_PRIORITY
 _COST = (
     "'heronry plan' with --down, --phase or --priority shows beforehand what would run then, and what would be lost."
 )
+_COST_OF_A_SCRIPT = "'heronry pcs apply' without --live shows beforehand what the script makes of a plan."
 
 
 class Choice(ModalScreen[Order | None]):
@@ -128,6 +129,40 @@ class Number(ModalScreen[Order | None]):
         self.dismiss(None)
 
 
+class Script(ModalScreen[Order | None]):
+    """Asks for the text of a script."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "leave", "leave it", priority=True),
+        Binding("ctrl+s", "take", "go on", priority=True),
+    ]
+
+    def compose(self) -> ComposeResult:
+        """Yield the field, and what may be written in it."""
+        yield Static(
+            Text("A script: statements on modules and their wires, as of 'heronry pcs apply', typed or pasted here")
+        )
+        yield TextArea(id="script")
+        yield Static(id="wrong")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Wait for what is typed."""
+        self.query_one("#script").focus()
+
+    def action_take(self) -> None:
+        """Take the text, if there is any."""
+        text = self.query_one("#script", TextArea).text
+        if text.strip():
+            self.dismiss(Order("script", text))
+        else:
+            self.query_one("#wrong", Static).update(Text("there is no statement yet", "bold red"))
+
+    def action_leave(self) -> None:
+        """Give no order."""
+        self.dismiss(None)
+
+
 class Question(ModalScreen[bool]):
     """Asks whether an order shall be given."""
 
@@ -143,10 +178,12 @@ class Question(ModalScreen[bool]):
     def compose(self) -> ComposeResult:
         """Yield the question, what is known of the cost, and the footer."""
         words = ORDERS[self._order.do]
-        cost = words.cost or _COST
+        is_script = self._order.do == "script"
+        cost = words.cost or (_COST_OF_A_SCRIPT if is_script else _COST)
         with VerticalScroll(id="page"):
             yield Static(Text(self._order.question(), "bold red" if words.is_grave else "bold"))
             yield Static(Text(f"\n{cost}\n\ny gives the order, n leaves it."))
+            yield Static(Text(f"\n{self._order.what}" if is_script else ""))
         yield Footer()
 
     def action_answer(self, answer: bool) -> None:
