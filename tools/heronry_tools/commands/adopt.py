@@ -13,6 +13,7 @@ from canopen.sdo.exceptions import SdoError
 
 from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.runtime.canopen_log import keep_off_the_terminal
 from heronry_wire.bus_arguments import flagged_bus
@@ -31,7 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
     if taken is not None:
         raise UserError(f"node {node} is {taken} in {spec.name} already: there is nothing to adopt")
     flags = {name: value for name, value in flagged_bus(arguments).items() if value is not None}
-    offer = read_offer(_asked(flags, node), node)
+    with Working(f"asking node {node}"):
+        offer = read_offer(_asked(flags, node), node)
     print(json.dumps({"node": node, **offer}) if arguments.json else "\n".join(spec_lines(spec, node, offer)))
     return 0
 

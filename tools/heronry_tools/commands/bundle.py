@@ -10,6 +10,7 @@ from typing import Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_calls import unlock_pe
+from heronry_tools.console.progress import Working
 from heronry_tools.console.whole_file import expect_writable, write_whole
 from heronry_tools.runtime.bundle_files import read_bundle
 from heronry_wire.authentication import KEY_BYTES
@@ -82,14 +83,15 @@ def run_send(arguments: argparse.Namespace) -> int:
     unlock = None
     if arguments.unlock or arguments.socket is not None:
         unlock = partial(unlock_pe, arguments.socket, spec.name, pe.name)
-    took_s = bundle_sending.send(
-        flags,
-        pe.node_id,
-        bundle,
-        bitrate=bundle_sending.slowest_bitrate(spec, pe.name),
-        unlock=unlock,
-        start=not arguments.no_start,
-    )
+    with Working(f"bringing {arguments.file} to {pe.name}"):
+        took_s = bundle_sending.send(
+            flags,
+            pe.node_id,
+            bundle,
+            bitrate=bundle_sending.slowest_bitrate(spec, pe.name),
+            unlock=unlock,
+            start=not arguments.no_start,
+        )
     _say(arguments, bundle, f"is on {pe.name}, node {pe.node_id}, after {took_s:.1f} s")
     return 0
 

@@ -15,16 +15,18 @@ from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.plan_argument import errors_name, evaluated_in, read_text, situation_of
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.reports.buses import document, print_buses
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the buses; returns the exit code."""
-    spec = load_spec(arguments.spec)
-    _check_bus(spec, arguments.bus)
-    now, configuration = _planned(spec, arguments)
-    found = bus_schedules(spec, now, configuration, every_echo=arguments.every_echo)
+    with Working(f"the traffic of {arguments.spec}"):
+        spec = load_spec(arguments.spec)
+        _check_bus(spec, arguments.bus)
+        now, configuration = _planned(spec, arguments)
+        found = bus_schedules(spec, now, configuration, every_echo=arguments.every_echo)
     schedules = [s for s in found if arguments.bus in (None, s.bus.name)]
     if arguments.json:
         print(json.dumps(document(spec, now, schedules), indent=2))
@@ -50,7 +52,6 @@ def _check_bus(spec: Spec, bus: str | None) -> None:
 
 
 def _planned(spec: Spec, arguments: argparse.Namespace) -> tuple[Situation, Configuration]:
-
     if arguments.plan is not None:
         return _given(spec, arguments)
     from heronry_manager.planner.exact import plan  # noqa: PLC0415 - the solver, which --plan does not need

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import Working
 from heronry_tools.reports.findings import Finding, all_right, as_json, as_text
 from heronry_tools.runtime.doctor.asking import ask_tables, assess_tables
 from heronry_tools.runtime.doctor.computer import assess_computer, assess_wake_ups, knows_can
@@ -74,11 +75,12 @@ def _findings(arguments: argparse.Namespace) -> Iterator[Finding]:
                 stack.enter_context(buses[name].bus)
         if not buses:
             return
-        heard = _listen(buses, arguments.seconds, None if expected is None else expected.heartbeat_ns)
-        asked = set(heard.incarnations)
-        if expected is not None and expected.asked is not None:
-            asked &= expected.asked
-        answers = ask_tables(next(iter(buses.values())).bus, asked)
+        with Working(f"listening to {', '.join(buses)}"):
+            heard = _listen(buses, arguments.seconds, None if expected is None else expected.heartbeat_ns)
+            asked = set(heard.incarnations)
+            if expected is not None and expected.asked is not None:
+                asked &= expected.asked
+            answers = ask_tables(next(iter(buses.values())).bus, asked)
     yield from assess_hearing(heard, expected, arguments.seconds, bus)
     if len(buses) > 1:
         yield assess_channels(heard, expected)

@@ -13,6 +13,7 @@ from contextlib import redirect_stdout
 from heronry_agent.core.vocabulary import StateLacking, StateSaved
 from heronry_agent.shell.module_runner import Orders
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import Working
 from heronry_tools.runtime.module_trial import Trial, period_ns, read_value, requested_priorities, try_module
 from heronry_wire.checkpoint_frames import frame_count
 
@@ -31,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
         inputs[name] = read_value(value)
     reading = None if arguments.reading is None else read_value(arguments.reading)
     orders = Orders("module", arguments.image, arguments.mode, period_ns(arguments.rate_hz), device="NAME")
-    with redirect_stdout(sys.stderr):
+    with redirect_stdout(sys.stderr), Working(f"trying {arguments.image}"):
         trial = try_module(orders, inputs, reading, arguments.steps, arguments.limit)
     is_json = arguments.format == "json"
     for line in [json.dumps(trial.document(), indent=2)] if is_json else _report(trial, orders.period_ns):

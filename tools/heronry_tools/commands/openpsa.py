@@ -37,8 +37,9 @@ def run_export(arguments: argparse.Namespace) -> int:
 
 def run_import(arguments: argparse.Namespace) -> int:
     """Print the spec of a fault tree; returns the exit code."""
-    tree = read_tree(arguments.file)
-    text = spec_text(tree, arguments.file.stem)
+    with Working(f"reading {arguments.file}"):
+        tree = read_tree(arguments.file)
+        text = spec_text(tree, arguments.file.stem)
     if tree.without:
         some = ", ".join(tree.without[:4]) + (" ..." if len(tree.without) > 4 else "")
         print(f"heronry: no rate and no probability is read of {len(tree.without)} events: {some}", file=sys.stderr)

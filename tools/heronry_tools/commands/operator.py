@@ -15,8 +15,9 @@ from heronry_manager.core.vocabulary import (
     UnlockPe,
 )
 from heronry_manager.shell.control_client import call
-from heronry_manager.shell.control_protocol import OfElement
+from heronry_manager.shell.control_protocol import OfElement, Spoken
 from heronry_tools.console.manager_calls import manager_socket, say_answer
+from heronry_tools.console.progress import Working
 from heronry_tools.reports.status import report
 from heronry_tools.reports.troubles import troubles
 
@@ -25,7 +26,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Send the command's order to the manager and print the answer; returns 0 if it was carried out, 1 if refused."""
     path = manager_socket(arguments)
     if arguments.order == "status":
-        status = call(path, AskStatus()).status or {}
+        with Working("asking the manager"):
+            status = call(path, AskStatus()).status or {}
         print(json.dumps(status, indent=2) if arguments.json else "\n".join(report(status)))
         return 1 if arguments.exit_code and any(troubles(status)) else 0
     orders: dict[str, type[EnterPhase | OfElement | AskTraceback]] = {
@@ -38,7 +40,9 @@ def run(arguments: argparse.Namespace) -> int:
         "traceback": AskTraceback,
     }
     if arguments.order == "priority":
-        answer = call(path, SetPriority(arguments.what, None if arguments.to == "default" else arguments.to))
+        order: Spoken = SetPriority(arguments.what, None if arguments.to == "default" else arguments.to)
     else:
-        answer = call(path, orders[arguments.order](arguments.what))
+        order = orders[arguments.order](arguments.what)
+    with Working("asking the manager"):  # a traceback comes over the bus
+        answer = call(path, order)
     return say_answer(arguments, answer)

@@ -30,6 +30,7 @@ from heronry_tools.analysis.control.trial import try_script
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_calls import manager_socket, say_answer
 from heronry_tools.console.plan_argument import read_text
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.console.whole_file import write_whole
 from heronry_tools.reports.control import assessment_text, cut_text, errors_text, graph_text, trial_text
@@ -41,7 +42,8 @@ from heronry_wire.spelling import meant
 
 def run_graph(arguments: argparse.Namespace) -> int:
     """Derive and write a graph; returns the exit code."""
-    subject = _subject(arguments)
+    with Working(f"deriving the graph of {arguments.subject}"):
+        subject = _subject(arguments)
     if subject.planned is None and arguments.level != "module":
         raise UserError(f"{arguments.subject} is a graph, without PEs: leave --level out, which is for specs")
     graph = subject.graph
@@ -56,10 +58,11 @@ def run_graph(arguments: argparse.Namespace) -> int:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Assess a graph; returns 0 if every requirement holds, and 1 if one does not."""
-    subject = _subject(arguments)
-    required = _required(arguments, subject)
     try:
-        assessed = _assessed(subject.graph, arguments.at, arguments.path)
+        with Working(f"assessing {arguments.subject}"):
+            subject = _subject(arguments)
+            required = _required(arguments, subject)
+            assessed = _assessed(subject.graph, arguments.at, arguments.path)
     except PcsError as error:
         return _refused(error, arguments)
     plants = subject.critical_plants()
@@ -91,8 +94,9 @@ def run_edit(arguments: argparse.Namespace) -> int:
     The graph is also written to a file if the command line names one. Returns the exit code.
     """
     try:
-        graph, view = _edited(_subject(arguments).graph, arguments)
-        assessed = _assessed(graph, view)
+        with Working(f"editing {arguments.subject}"):
+            graph, view = _edited(_subject(arguments).graph, arguments)
+            assessed = _assessed(graph, view)
     except PcsError as error:
         return _refused(error, arguments)
     if arguments.write is not None:
@@ -144,9 +148,10 @@ def _edge(text: str) -> Edge:
 
 def run_script(arguments: argparse.Namespace) -> int:
     """Write the script that leads from one graph or plan to another; returns the exit code."""
-    old, new = (_compared(text, arguments.spec) for text in (arguments.old, arguments.new))
     try:
-        text = difference(old, new)
+        with Working(f"comparing {arguments.old} with {arguments.new}"):
+            old, new = (_compared(text, arguments.spec) for text in (arguments.old, arguments.new))
+            text = difference(old, new)
     except PcsError as error:
         return _refused(error, arguments)
     _say(arguments, {"script": text}, text)
@@ -175,7 +180,8 @@ def run_apply(arguments: argparse.Namespace) -> int:
     if arguments.live:
         return _fly(arguments)
 
-    trial = try_script(read_text(arguments.script), _subject(arguments))
+    with Working(f"trying {arguments.script}"):
+        trial = try_script(read_text(arguments.script), _subject(arguments))
     if arguments.write is not None and not trial.errors:
         _save(trial.after, arguments.write)
     result = {
@@ -201,7 +207,9 @@ def _fly(arguments: argparse.Namespace) -> int:
         raise UserError("--live changes the running configuration: leave --plan and --write out")
     text = read_text(arguments.script)
     spec, path = load_spec(arguments.subject), manager_socket(arguments)
-    return say_answer(arguments, fly(path, text, spec))
+    with Working("waiting until the script runs"):
+        answer = fly(path, text, spec)
+    return say_answer(arguments, answer)
 
 
 def run_release(arguments: argparse.Namespace) -> int:
@@ -211,9 +219,10 @@ def run_release(arguments: argparse.Namespace) -> int:
 
 def run_cut(arguments: argparse.Namespace) -> int:
     """Divide a component graph into two sides between which the least data pass; returns the exit code."""
-    subject = _subject(arguments)
     try:
-        cut = least_cut(subject.graph, subject.first_side())
+        with Working(f"cutting {arguments.subject}"):
+            subject = _subject(arguments)
+            cut = least_cut(subject.graph, subject.first_side())
     except PcsError as error:
         return _refused(error, arguments)
     _say(arguments, {"mbit_per_s": cut.mbit_per_s, "sides": cut.sides}, cut_text(cut.mbit_per_s, cut.sides))

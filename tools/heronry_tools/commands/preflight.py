@@ -10,6 +10,7 @@ from collections.abc import Callable
 from heronry_manager.shell.control_place import ControlError
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_calls import manager_socket
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.preflight.inspection import Inspection
 from heronry_tools.reports.findings import Finding, all_right, as_json, as_text
@@ -31,7 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
         socket = manager_socket(arguments)
         return Inspection(spec, arguments.spec, socket, buses, arguments.seconds, key).findings()
 
-    findings = _as_soon_as_right(inspected, time.monotonic() + arguments.wait)
+    with Working(f"inspecting {spec.name}"):
+        findings = _as_soon_as_right(inspected, time.monotonic() + arguments.wait)
     print(as_json(findings) if arguments.json else "\n".join(as_text(findings, "GO", "NO GO: ")))
     return 0 if all_right(findings) else 1
 

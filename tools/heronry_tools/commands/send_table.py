@@ -10,6 +10,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import canopen
@@ -18,6 +19,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoError
 from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.manager_calls import unlock_pe
+from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import expect_pe, load_spec
 from heronry_tools.runtime.canopen_log import keep_off_the_terminal
 from heronry_tools.runtime.table_files import table_texts
@@ -48,10 +50,9 @@ def run(arguments: argparse.Namespace) -> int:
     carried = contingencies_of(spec, arguments.contingencies, before_making=look_at_bus)
     content = compressed(table_texts(spec, [pe], carried)[pe])
     node = spec.pes[pe].node_id
-    if key is None:
-        _send(flags, node, content)
-    else:
-        _send(flags, node, content, key, lambda: unlock_pe(arguments.socket, spec.name, pe))
+    unlock = None if key is None else partial(unlock_pe, arguments.socket, spec.name, pe)
+    with Working(f"sending {pe} its table"):
+        _send(flags, node, content, key, unlock)
     told = {"pe": pe, "node": node, "bytes": len(content)}
     print(json.dumps(told) if arguments.json else f"{pe}, node {node}, has its table: {len(content)} bytes")
     return 0
