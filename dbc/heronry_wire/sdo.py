@@ -28,6 +28,8 @@ MESSAGE_BYTES = 8
 SEGMENT_BYTES = 7
 MOST_SEGMENTS = 127  # in one block
 EXPEDITED_BYTES = 4
+LATE_NS = 10_000_000
+"""How far a client that paces its requests may fall behind, in ns, and send the missing ones without their pauses."""
 
 # First byte of a message: the command in the upper three bits, and flags below it.
 DOWNLOAD, UPLOAD = 1 << 5, 2 << 5

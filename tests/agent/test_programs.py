@@ -6,7 +6,7 @@ import pytest
 from canopen import SdoAbortedError
 
 from agent.canopen_master import Master, refusal
-from agent.one_pe import FLYING, MS, NODE, TABLE, OnePe, sent
+from agent.one_pe import FLYING, MS, NODE, TABLE, OnePe
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.vocabulary import (
     Action,
@@ -20,8 +20,8 @@ from heronry_agent.core.vocabulary import (
 from heronry_wire.bundle_transfer import Part, Received, Transfer
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id
-from heronry_wire.sansio import InvariantError
-from heronry_wire.sdo import BLOCK_ACKNOWLEDGE, BLOCK_DOWNLOAD, BLOCK_SIZE_GIVEN, segment, with_number
+from heronry_wire.sansio import InvariantError, Send
+from heronry_wire.sdo import BLOCK_ACKNOWLEDGE, BLOCK_DOWNLOAD, BLOCK_SIZE_GIVEN, LATE_NS, UPLOAD, segment, with_number
 from heronry_wire.timing import worst_bits
 
 CONTENT = bytes(range(256)) * 8
@@ -210,17 +210,49 @@ def test_code_that_arrives_is_missing_no_more() -> None:
     assert image in pe.core.staging.reader.missing_images
 
 
-def test_in_flight_the_segments_of_a_block_may_take_a_tenth_of_the_bus() -> None:
+PACE_NS = 10 * worst_bits(8) * 1_000  # a tenth of 1 Mbit/s
+REQUEST = sdo_request_id(NODE)
+
+
+def in_flight() -> WithLoader:
+    """A PE that flies, and to which a client has announced a bundle of 700 bytes."""
     pe = WithLoader(NO_CODE)
     pe.pass_time(0)
     pe.configure(FLYING, 7)
-    pace_ns = 10 * worst_bits(8) * 1_000  # at 1 Mbit/s
     pe.pass_time(100 * MS)
-    pe.hear(Frame(sdo_request_id(NODE), with_number(BLOCK_DOWNLOAD | BLOCK_SIZE_GIVEN, 0x1F50, 1, 700)))
-    answers: list[Action] = []
+    pe.hear(Frame(REQUEST, with_number(BLOCK_DOWNLOAD | BLOCK_SIZE_GIVEN, 0x1F50, 1, 700)))
+    pe.pass_time(10 * MS)
+    return pe
+
+
+def block_answers(pe: WithLoader, since_ns: int) -> list[tuple[int, int]]:
+    """When a block was answered since then, in ns, and how many of its segments had come."""
+    sends = [(t_ns, one) for t_ns, one in pe.done if t_ns >= since_ns and isinstance(one, Send)]
+    found = [(t_ns, one.frame.data) for t_ns, one in sends if one.frame.can_id == sdo_response_id(NODE)]
+    return [(t_ns - since_ns, data[1]) for t_ns, data in found if data[0] & 3 == BLOCK_ACKNOWLEDGE]
+
+
+@pytest.mark.parametrize("at_once", [1, 2, 4, 7])
+def test_in_flight_segments_at_a_tenth_of_the_bus_are_taken_however_late_their_client_wakes(at_once: int) -> None:
+    pe = in_flight()
+    began_ns = pe.now_ns
     for number in range(1, 33):
-        answers += pe.pass_time(pace_ns)
-        answers += pe.hear(Frame(sdo_request_id(NODE), segment(number, bytes(7))))
-    answers += pe.pass_time(10 * MS)
-    (answer,) = (one.data for one in sent(answers, sdo_response_id(NODE)) if one.data[0] & 3 == BLOCK_ACKNOWLEDGE)
-    assert answer[1] == 32
+        due_ns = (number - 1) * PACE_NS
+        wakes_ns = -(-due_ns // (at_once * PACE_NS)) * at_once * PACE_NS
+        pe.pass_time(began_ns + wakes_ns - pe.now_ns)
+        pe.hear(Frame(REQUEST, segment(number, bytes(7))))
+    last_ns = pe.now_ns - began_ns
+    pe.pass_time(10 * MS)
+    assert block_answers(pe, began_ns) == [(last_ns, 32)]
+
+
+def test_in_flight_a_block_that_came_at_once_is_answered_when_a_tenth_of_the_bus_allows_it() -> None:
+    pe = in_flight()
+    began_ns = pe.now_ns
+    for number in range(1, 33):
+        pe.hear(Frame(REQUEST, segment(number, bytes(7))))
+    pe.hear(Frame(REQUEST, with_number(UPLOAD, 0x1F57, 1, 0)))  # a client that does not wait for its answer
+    pe.pass_time(100 * MS)
+    answered_ns, received = block_answers(pe, began_ns)[0]
+    assert received == 32
+    assert 31 * PACE_NS - LATE_NS <= answered_ns <= 31 * PACE_NS

@@ -15,6 +15,7 @@ from heronry_agent.core.canopen import Programs, SdoServer
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import ControlProgram, ProgramState, WriteProgram
 from heronry_manager import events
+from heronry_manager.core.provisioning import code_bringing
 from heronry_manager.core.provisioning.pace import Pace
 from heronry_manager.core.settings import CodeBundle
 from heronry_manager.core.vocabulary import AskStatus, ClearElement, FailElement, RestoreElement, RetireElement
@@ -40,7 +41,8 @@ from thoroughness import IS_WHOLE
 PE, NODE, MODULE = "middle", 93, "control"
 REQUEST, ANSWER = sdo_request_id(NODE), sdo_response_id(NODE)
 IMAGE = "state_estimator"
-CONTENT = bytes(range(251)) * 30  # two parts
+PART_BYTES = 700  # a tenth of what is sent in flight: the steps are the same, in a tenth of the messages
+CONTENT = bytes(range(251)) * 4  # two parts
 BUNDLE = CodeBundle("nav", 3, frozenset((IMAGE,)), CONTENT)
 LACK = Emergency(FaultCode.MODULE_MISSING, 0x81, ElementKind.MODULE, 0, 0)
 WORK_NS = 700 * MS
@@ -166,10 +168,17 @@ class Flight(Exchange):
         assert not self.manager.core.now.down
 
 
+@pytest.fixture(autouse=True)
+def short_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(code_bringing, "PART_BYTES", PART_BYTES)
+
+
 def messages_of_a_transfer() -> int:
-    flight = Flight()
-    flight.judge()
-    return flight.messages
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(code_bringing, "PART_BYTES", PART_BYTES)
+        flight = Flight()
+        flight.judge()
+        return flight.messages
 
 
 MESSAGES = messages_of_a_transfer()
@@ -411,7 +420,7 @@ def test_the_digest_is_that_of_the_bundle() -> None:
 
 def test_what_is_on_its_way_is_shown() -> None:
     flight = Flight()
-    shown = {PE: f"nav, version 3: 7000 of {len(CONTENT)} bytes"}
+    shown = {PE: f"nav, version 3: {PART_BYTES} of {len(CONTENT)} bytes"}
     assert flight.fly(lambda: flight.manager.core.status()["code"] == shown)
 
 
@@ -476,7 +485,7 @@ def test_a_status_in_every_moment_does_not_keep_code_away_and_what_is_read_waits
     while not flight.has_come():
         say(flight.manager, AskStatus())
         flight.fly(flight.has_come, 150 * MS)
-        if flight.messages > 400 and not reported:
+        if flight.messages > MESSAGES // 3 and not reported:
             reported = True
             flight.manager.report(PE, replace(LACK, code=FaultCode.MODULE_EXCEPTION))
             before = len(flight.manager.frames)

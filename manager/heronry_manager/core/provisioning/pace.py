@@ -1,8 +1,9 @@
 """How fast the frames of a table follow one another: as fast as the analysis of what runs allows (protocol rule 10).
 
 A transfer has one request of 8 bytes in each period, and at most one answer. Both count in the analysis as frames of
-other equipment do (`foreign`), under the SDO identifiers of their PE. The period is the shortest one of SHARES, and no
-longer than LONGEST_NS, with which
+other equipment do (`foreign`), under the SDO identifiers of their PE, and so do the requests that follow at once when
+the manager's process was late (LATE_NS). The period is the shortest one of SHARES, and no longer than LONGEST_NS, with
+which
 
     - no datum of the running configuration can miss its deadline on any bus
     - data, checkpoints, foreign frames and transfer together stay below `max_load` without the reserve of management,
@@ -18,6 +19,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
+from math import ceil
 
 from heronry_dg.checkpoints import loads_mbit_per_s
 from heronry_dg.configuration import Configuration
@@ -28,7 +30,8 @@ from heronry_dg.traffic import Hop, bus_loads_mbit_per_s, hops
 from heronry_manager.core.epochs import Deployment
 from heronry_manager.core.situation import KnownSituation
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id
-from heronry_wire.sdo import MESSAGE_BYTES
+from heronry_wire.sansio import NEVER_NS
+from heronry_wire.sdo import LATE_NS, MESSAGE_BYTES
 from heronry_wire.timing import worst_bits
 
 SHARES = (10, 20, 40, 80, 160, 320)
@@ -76,9 +79,11 @@ class Pace:
     def _is_harmless(self, running: tuple[Hop, ...], pe: str, way: list[Bus], period_ns: int) -> bool:
         """Tell whether no datum misses its deadline beside a transfer with this period."""
         spec, node = self._spec, self._spec.pes[pe].node_id
+        request, answer = sdo_request_id(node), sdo_response_id(node)
+        late = ((request, NEVER_NS),) * ceil(LATE_NS / period_ns)  # each of them at most once while a datum waits
         frames = tuple(
-            Foreign(identifier, None, extended=False, data_bytes=MESSAGE_BYTES, period_ns=period_ns)
-            for identifier in (sdo_request_id(node), sdo_response_id(node))
+            Foreign(identifier, None, extended=False, data_bytes=MESSAGE_BYTES, period_ns=each_ns)
+            for identifier, each_ns in ((request, period_ns), (answer, period_ns), *late)
         )
         loaded = {bus.name: replace(bus, foreign=(*bus.foreign, *frames)) for bus in way}
         return all(

@@ -2,7 +2,9 @@
 
 opened    the transfer was requested. The answer gives the number of segments in a block
 sending   the segments of a block go out, one per `segment_ns`; then the node acknowledges how many came in order.
-          The next block begins after these, so segments that were lost are sent again
+          The next block begins after these, so segments that were lost are sent again. Where this computer was late, or
+          the acknowledgement, the segments that are due follow at once, up to LATE_NS of them: else each wake-up that
+          comes a little late would lengthen the transfer
 ended     all segments have been acknowledged, and the checksum was sent. The node takes the value, or aborts
 taken, failed    the transfer is over; `why` says why it failed
 
@@ -30,6 +32,7 @@ from heronry_wire.sdo import (
     BLOCK_PART_BITS,
     BLOCK_SIZE_GIVEN,
     COMMAND_BITS,
+    LATE_NS,
     MESSAGE_BYTES,
     MOST_SEGMENTS,
     SEGMENT_BYTES,
@@ -83,6 +86,7 @@ class BlockDownload:
     _size: int = 0  # of a block, in segments; 0: the transfer is not open yet
     _at: int = 0  # index in `content` at which the present block begins
     _sent: int = 0  # segments of the present block
+    _due_ns: int = 0  # when the next segment is to be sent, by its pace
     _empty: int = 0  # acknowledgements in a row that named no segment
     _is_ended: bool = False
 
@@ -136,16 +140,17 @@ class BlockDownload:
         if not 1 <= size <= MOST_SEGMENTS:
             self._does_not_fit()
             return
-        self._size = size
+        self._size, self._due_ns = size, now_ns
         self._send_segment(now_ns)
 
     def _send_segment(self, now_ns: int) -> None:
         begin = self._at + self._sent * SEGMENT_BYTES
         self._sent += 1
+        self._due_ns = max(self._due_ns, now_ns - LATE_NS) + self.segment_ns
         is_last = begin + SEGMENT_BYTES >= len(self.content)
         command = self._sent | (BLOCK_LAST_SEGMENT if is_last else 0)
         self.say(segment(command, self.content[begin : begin + SEGMENT_BYTES]))
-        self.next_ns = now_ns + (SILENCE_NS if self._is_block_sent() else self.segment_ns)
+        self.next_ns = now_ns + SILENCE_NS if self._is_block_sent() else self._due_ns
 
     def _is_block_sent(self) -> bool:
         return self._sent == self._size or self._at + self._sent * SEGMENT_BYTES >= len(self.content)
@@ -161,7 +166,7 @@ class BlockDownload:
         self._at += received * SEGMENT_BYTES
         self._sent, self._size = 0, size
         if self._at < len(self.content):
-            self.next_ns = now_ns + self.segment_ns
+            self.next_ns = self._due_ns
             return
         self._is_ended = True
         unused = self._at - len(self.content)

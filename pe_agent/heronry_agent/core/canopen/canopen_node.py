@@ -11,7 +11,9 @@ writes until it is unlocked (`authenticity`); a transfer that began before the l
 SDO has a higher priority than some of the data, so its rate is limited. While this PE runs nothing, an upload by block
 may take half of the bus; once the PE is configured, its SDO transfers together may take a tenth. A request that comes
 too soon is answered later. Up to four requests are kept, since a client may send several in a row: some SDO requests
-get no answer. Further requests are dropped and counted.
+get no answer. Further requests are dropped and counted. The segments of a block are taken as they come, since they are
+on the bus already, and a client is a process that wakes late and then makes up for up to LATE_NS. It is the answer to
+the block that waits until the tenth allows it, and no client goes on without it.
 """
 
 from collections import deque
@@ -29,7 +31,7 @@ from heronry_wire.identifiers import NMT_ID, sdo_request_id, sdo_response_id
 from heronry_wire.management import NO_EPOCH
 from heronry_wire.nmt import NmtState, code_of
 from heronry_wire.sansio import NEVER_NS, Received, Send
-from heronry_wire.sdo import MESSAGE_BYTES
+from heronry_wire.sdo import LATE_NS, MESSAGE_BYTES
 from heronry_wire.timing import worst_bits
 
 _NS_PER_S = 1_000_000_000
@@ -56,6 +58,7 @@ class CanopenNode:
         self._sdo = SdoServer(Locked(objects.dictionary(), self._locked), _DESK_SHARE * self._frame_ns)
         self._held: deque[bytes] = deque()  # SDO requests that wait for their turn
         self._turn_ns = turn.now_ns  # when the next one may be served
+        self._answer: tuple[int, bytes] | None = None  # to a block that came too fast, and when it may be sent
         self.next_ns = turn.now_ns
         self._sdo_answer_id = sdo_response_id(index.node)
 
@@ -78,7 +81,10 @@ class CanopenNode:
         turn.do(*answers)
         turn.wants_page_0 |= says_state
         turn.wants_page_1 |= says_state
-        if self._held and turn.now_ns >= self._turn_ns:
+        if self._answer is not None and turn.now_ns >= self._answer[0]:
+            (_, answer), self._answer = self._answer, None
+            self._say(answer)
+        elif self._held and turn.now_ns >= self._turn_ns:
             self._serve(self._held.popleft())
         else:
             self._say(self._sdo.tick(turn.now_ns))
@@ -90,7 +96,8 @@ class CanopenNode:
 
     def _find_next(self) -> None:
         held_ns = self._turn_ns if self._held else NEVER_NS
-        self.next_ns = min(self._network.next_ns, self._services.next_ns, self._sdo.next_ns, held_ns)
+        answer_ns = NEVER_NS if self._answer is None else self._answer[0]
+        self.next_ns = min(self._network.next_ns, self._services.next_ns, self._sdo.next_ns, held_ns, answer_ns)
 
     def _configured(self) -> bool:
         return self._active_configuration.running.epoch != NO_EPOCH
@@ -121,6 +128,7 @@ class CanopenNode:
             if outcome is NmtOutcome.RESET:
                 self._sdo.reset()
                 self._held.clear()
+                self._answer = None
                 self._modules.faults.history.clear()
 
     def _request(self, event: Received) -> None:
@@ -132,19 +140,27 @@ class CanopenNode:
             self._turn.count("malformed SDO request", event.frame.can_id)
         elif len(self._held) >= _MOST_HELD:
             self._turn.count("SDO request before the answer to the last", event.frame.can_id)
-        elif self._held or (self._configured() and self._turn.now_ns < self._turn_ns):
+        elif self._held or self._answer is not None or self._comes_too_soon():
             self._held.append(event.frame.data)
         else:
             self._serve(event.frame.data)
 
+    def _comes_too_soon(self) -> bool:
+        return self._configured() and self._turn.now_ns < self._turn_ns and not self._sdo.receives_segments
+
     def _serve(self, request: bytes) -> None:
-        """Answer an SDO request now, and set the time at which the next SDO request may be answered at the earliest."""
-        pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
-        self._turn_ns = self._turn.now_ns + 2 * pause_ns
+        """Answer an SDO request, and set the time at which the next SDO request may be answered at the earliest."""
+        now_ns, pause_ns = self._turn.now_ns, self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
         self._sdo.segment_ns = pause_ns
-        answer = self._sdo.request(request, self._turn.now_ns)
-        if answer is None and self._sdo.receives_segments:
-            self._turn_ns = self._turn.now_ns + pause_ns  # one frame and no answer: half of what the others take
+        is_segment = self._sdo.receives_segments
+        answer = self._sdo.request(request, now_ns)
+        if not is_segment:
+            self._turn_ns = now_ns + 2 * pause_ns
+        else:
+            due_ns = max(self._turn_ns, now_ns - LATE_NS)
+            self._turn_ns = due_ns + pause_ns  # one frame: half of what others take with their answers
+            if answer is not None and self._configured() and now_ns < due_ns:
+                self._answer, answer = (due_ns, answer), None
         self._say(answer)
 
     def _node_service(self, event: Received) -> None:
