@@ -38,7 +38,7 @@ _SHARE = 10  # of the bus: a tenth
 _LOOK_S = 0.1
 _WORK_S = 70.0  # longer than a keeper may take
 _START = b"\x01"
-_REMEDY = "this bus must be the manager's or the uplink of this node, and with a key the manager must unlock it (--unlock)"
+_REMEDY = "this bus must be the manager's or the uplink of this node, and with a key it must be unlocked (--unlock)"
 _REMEDIES = {
     1: "it has no code to start: send the bundle again",
     3: "it does not take the bundle, or not yet: its log says why",
