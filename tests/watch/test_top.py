@@ -15,6 +15,7 @@ import pytest
 from textual.widgets import Input, Static
 
 from heronry_manager.events.line import to_line
+from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Plant
 from heronry_tools.watch.top import panels
@@ -23,6 +24,8 @@ from heronry_tools.watch.top.panels import Look
 from heronry_tools.watch.top.sources import LiveSource, RecordedSource
 from thoroughness import sample
 from watch.flights import ALL, MS, PICTURES, big_blue
+from web.flight import big_blue as three_lost_spec
+from web.flight import three_lost
 
 pytestmark = pytest.mark.xdist_group("big_blue_log")  # it is flown once
 
@@ -40,9 +43,9 @@ def inside(app: TopApp, name: str) -> bool:
     )
 
 
-def fly(size: tuple[int, int], play) -> None:
+def fly(size: tuple[int, int], play, recording: Recording | None = None) -> None:
     async def run() -> None:
-        app = TopApp(RecordedSource(big_blue()))
+        app = TopApp(RecordedSource(recording or big_blue()))
         async with app.run_test(size=size) as pilot:
             await pilot.pause()
             await play(app, pilot)
@@ -74,7 +77,7 @@ def test_every_panel_says_what_the_snapshot_says(size: tuple[int, int]) -> None:
             if view.reconfigurations:
                 assert str(view.reconfigurations[-1].epoch) in shown(app, "reconfigurations").splitlines()[1]
             assert view.told[-1].sentence in shown(app, "events")
-        for name in ("head", "buses", "pes", "functions-scroll", "events-box"):
+        for name in ("head", "buses", "pes-scroll", "functions-scroll", "events-box"):
             assert inside(app, name), name
         PICTURES.mkdir(parents=True, exist_ok=True)
         (PICTURES / f"top-{size[0]}x{size[1]}.svg").write_text(app.export_screenshot())
@@ -232,7 +235,7 @@ def test_a_small_terminal_shows_reasons_whole() -> None:
         assert len(lost.why_not) > SMALL[0]
         assert f"lost: servo_watch <- {lost.why_not}" in words_on_the_screen(app, "head")
         assert "3.00 of 3.00 s lost: " in words_on_the_screen(app, "head"), "long reasons push out no note"
-        assert view.pes["tail_b"].why in words_on_the_screen(app, "pes")
+        assert view.pes["tail_b"].why in words_on_the_screen(app, "pes-scroll")
         assert f"only <- {view.functions['parachute'].shortfalls[0]}" in words_on_the_screen(app, "functions-scroll")
         assert "imaging" not in words_on_the_screen(app, "functions-scroll")
         await pilot.press("pagedown")
@@ -244,6 +247,29 @@ def test_a_small_terminal_shows_reasons_whole() -> None:
         assert "imaging" not in words_on_the_screen(app, "functions-scroll")
 
     fly(SMALL, play)
+
+
+@pytest.mark.parametrize(("size", "least"), [(SMALL, 2), ((160, 44), None)])
+def test_with_three_pes_lost_every_pe_is_seen_and_its_modules_with_all_wires(size, least) -> None:
+    async def play(app: TopApp, pilot) -> None:
+        await pilot.press("3")
+        view = app.snapshot()
+        for name, pe in view.pes.items():
+            await pilot.pause()
+            assert app.look.selected == name
+            assert f">{name} " in words_on_the_screen(app, "pes-scroll")
+            if pe.standing == "down":
+                assert pe.why in words_on_the_screen(app, "pes-scroll")
+            seen = words_on_the_screen(app, "modules-box")
+            assert f"modules of {name} (CPU {pe.cpu.used}/{pe.cpu.of}," in seen
+            for module in pe.modules[:least]:
+                wires = ", ".join(dict.fromkeys(wire.producer for wire in view.modules[module].wires.values()))
+                assert f"{module} {view.modules[module].mode}{' <- ' if wires else ''}{wires}" in seen
+            await pilot.press("down")
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        (PICTURES / f"top-three-lost-{size[0]}x{size[1]}.svg").write_text(app.export_screenshot())
+
+    fly(size, play, Recording(three_lost_spec(), [], list(three_lost()), "simulator"))
 
 
 def test_a_real_run_in_a_pseudo_terminal(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from textual import work
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.geometry import Region
 from textual.screen import ModalScreen
 from textual.widgets import Footer, Input, Static
 
@@ -30,6 +31,7 @@ _STEP_NS = 1_000_000_000
 _MOST_EVENTS = 200
 _ANSWER_S = 20.0  # for which the answer to an order is shown
 _WIDE, _HIGH = 140, 36
+_FOOTER, _LEAST_BELOW = 1, 5  # lines
 _TABS = ("events", "reconfigurations", "modules")
 _HELP = """\
 up, down       select a PE                    d   all details of it, and of the last reconfiguration
@@ -158,7 +160,8 @@ class TopApp(App[None]):
         yield Static(id="head")
         yield Static(id="buses")
         with Horizontal(id="middle"):
-            yield Static(id="pes")
+            with VerticalScroll(id="pes-scroll", can_focus=False):
+                yield Static(id="pes")
             with VerticalScroll(id="functions-scroll", can_focus=False):
                 yield Static(id="functions")
         with Horizontal(id="below"):
@@ -205,6 +208,7 @@ class TopApp(App[None]):
 
     def _arrange(self) -> None:
         is_large = self.size.width >= _WIDE and self.size.height >= _HIGH
+        self.screen.set_class(is_large, "large")
         for number, name in enumerate(_TABS):
             self.query_one(f"#{name}-box").display = is_large or number == self._tab
 
@@ -223,6 +227,13 @@ class TopApp(App[None]):
         self._write("events", panels.events(view, look, _MOST_EVENTS))
         self._write("reconfigurations", panels.reconfigurations(view, look))
         self._write("modules", panels.modules(view, look))
+        self.call_after_refresh(self._fit)
+
+    def _fit(self) -> None:
+        """Give PEs and functions the room that they need, but leave some for the panels below."""
+        above = sum(self.query_one(name).outer_size.height for name in ("#head", "#buses"))
+        room = self.size.height - above - _FOOTER - _LEAST_BELOW
+        self.query_one("#middle").styles.max_height = max(room, _LEAST_BELOW)
 
     def _selected(self, view: Snapshot) -> Look:
         if self.look.selected in view.pes or not view.pes:
@@ -268,6 +279,17 @@ class TopApp(App[None]):
             at = names.index(self.look.selected) if self.look.selected in names else 0
             self.look = Look(names[(at + step) % len(names)], self.look.words)
             self.paint()
+            self._bring_selected_into_view()
+
+    def _bring_selected_into_view(self) -> None:
+        """Scroll the PEs until the selected one is seen; with reasons they may be longer than their panel."""
+        panel = self.query_one("#pes-scroll", VerticalScroll)
+        width, at = max(1, panel.size.width), 0
+        for line in panels.pes(self.snapshot(), self.look):
+            height = -(-line.cell_len // width)
+            if line.plain[1:2] == ">":
+                panel.scroll_to_region(Region(0, at, width, height), animate=False)
+            at += height
 
     def action_functions(self, step: int) -> None:
         """Scroll the functions down by a page (1) or up (-1); with reasons they may be longer than their panel."""

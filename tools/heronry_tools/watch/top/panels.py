@@ -1,7 +1,7 @@
 """A snapshot as the panels of `heronry top`: coloured text, one fact a line.
 
-A letter stands beside every colour, for terminals without colours. Each function gives the lines of one panel. In
-panels with reasons a line that is longer than the panel is wide goes on below (`app.tcss`); in the others it is cut.
+A letter stands beside every colour, for terminals without colours. Each function gives the lines of one panel. A line
+that is longer than the panel is wide goes on below (`app.tcss`), but for those of the buses, which are cut.
 """
 
 from collections.abc import Iterator, Sequence
@@ -207,15 +207,16 @@ def modules(view: Snapshot, look: Look) -> list[Text]:
         return [Text("no PE is selected: press down", "dim")]
     used = ", ".join(f"{kind} {b.used}/{b.of}" for kind, b in (("CPU", pe.cpu), ("RAM", pe.ram), ("flash", pe.flash)))
     lines = [Text(f"modules of {look.selected} ({used})", "bold")]
-    here = [(name, view.modules[name]) for name in pe.modules if name in view.modules]
-    lines += [_module(name, module) for name, module in here if _matches(look, name, module.mode)]
+    here = {name: view.modules[name] for name in pe.modules if name in view.modules}
+    widths = (max(map(len, here), default=0), max((len(module.mode or "") for module in here.values()), default=0))
+    lines += [_module(name, module, widths) for name, module in here.items() if _matches(look, name, module.mode)]
     return lines if here else [*lines, Text("  none", "dim")]
 
 
-def _module(name: str, module: Module) -> Text:
-    letter = "d" if module.degraded else "r"
+def _module(name: str, module: Module, widths: tuple[int, int]) -> Text:
+    letter, (of_name, of_mode) = "d" if module.degraded else "r", widths
     line = Text.assemble(
-        (f"{letter} ", "yellow" if module.degraded else "green"), f"{name:<22.22} {module.mode or '':<14.14}"
+        (f"{letter} ", "yellow" if module.degraded else "green"), f"{name:<{of_name}} {module.mode or '':<{of_mode}}"
     )
     wires = dict.fromkeys(f"{wire.producer}" for wire in module.wires.values())
     line.append(f" <- {', '.join(wires)}" if wires else "", "dim")
