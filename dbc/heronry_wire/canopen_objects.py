@@ -28,6 +28,7 @@ STATE, SPEC, MASTERSHIP = 0x2000, 0x2001, 0x2002
 MODULE_NAMES, MODULE_INDICES, MODULE_IMAGES, MODULE_STATES, MODULE_MODES = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
 MODULE_FAILURES, MODULE_TRACEBACKS = 0x2015, 0x2016
 TABLE, COUNTERS, TIME, COST, CHALLENGE, OFFER = 0x2020, 0x2021, 0x2022, 0x2023, 0x2024, 0x2025
+TABLE_TRANSFER = 0x2026
 PROGRAM_TRANSFER = 0x2030
 
 ERRORS_KEPT = 8
@@ -333,6 +334,20 @@ OBJECTS: tuple[Entry, ...] = (
         ),
     ),
     _var(OFFER, Variable("Offer", _TEXT, meaning="JSON text, of a node that waits for a table; else empty")),
+    Entry(
+        TABLE_TRANSFER,
+        "Table transfer in parts",
+        Kind.RECORD,
+        (
+            Variable(
+                "Part",
+                Type.DOMAIN,
+                _WO,
+                meaning="SHA-256 and length of what would be written into 2020h, where this part begins, the part",
+            ),
+            Variable("Received", Type.DOMAIN, meaning="SHA-256 of the whole, and how many bytes came in order"),
+        ),
+    ),
     Entry(
         PROGRAM_TRANSFER,
         "Program transfer in parts",

@@ -216,5 +216,5 @@ def test_an_agent_without_a_loader_imports_nothing_of_it() -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     modules = done.stdout.split()
     unwanted = ("heronry_agent.loader", "heronry_wire.bundle", "cryptography", "packaging", "subprocess", "json.tool")
-    allowed = {"heronry_wire.bundle_transfer"}  # the bytes of object 2030h
+    allowed = {"heronry_wire.part_transfer"}  # the bytes of object 2030h
     assert [one for one in modules if one.startswith(unwanted) and one not in allowed] == []

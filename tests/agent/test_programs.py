@@ -17,9 +17,9 @@ from heronry_agent.core.vocabulary import (
     ProgramState,
     WriteProgram,
 )
-from heronry_wire.bundle_transfer import Part, Received, Transfer
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id
+from heronry_wire.part_transfer import Part, Received, Transfer
 from heronry_wire.sansio import InvariantError, Send
 from heronry_wire.sdo import BLOCK_ACKNOWLEDGE, BLOCK_DOWNLOAD, BLOCK_SIZE_GIVEN, LATE_NS, UPLOAD, segment, with_number
 from heronry_wire.timing import worst_bits

@@ -402,10 +402,10 @@ def test_no_segment_is_sent_while_a_configuration_is_on_its_way(after: int, monk
 
 def test_with_a_key_each_write_follows_an_unlock() -> None:
     manager = OneManager(key=KEY, bundles=(BUNDLE,))
-    assert manager.core._code._key is KEY
+    assert manager.core._code._client._key is KEY
     flight = Flight(spec=two_tails())
-    code = flight.manager.core._code
-    code._key = KEY  # the manager's other frames stay unproven, so that the test can play the PEs
+    client = flight.manager.core._code._client
+    client._key = KEY  # the manager's other frames stay unproven, so that the test can play the PEs
     unlocks = lambda: [one for one in flight.manager.said(Control) if one.operation is Operation.UNLOCK]  # noqa: E731
     flight.judge()
     assert len(unlocks()) == 3  # two parts, and the start

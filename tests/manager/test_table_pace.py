@@ -65,19 +65,19 @@ def test_it_is_the_shortest_period_with_which_no_datum_is_late(bitrate: int, dea
     manager, periods = flying(bitrate, deadline_ms), periods_ns(bitrate)
     is_harmless = [is_punctual(manager, with_frames(bitrate, deadline_ms, one)) for one in periods]
     assert is_harmless == [False] * at + [True] * (len(SHARES) - at)
-    found = manager.core._known.bringing._pace.period_ns(PE)
+    found = manager.core._known.bringing._client._pace.period_ns(PE)
     assert found == (periods[at] if at < len(periods) else None)
 
 
 def test_data_and_transfer_stay_below_the_load_that_the_bus_may_have() -> None:
     manager = flying(1_000_000, 50, ", max_load: 0.11")
-    assert manager.core._known.bringing._pace.period_ns(PE) == periods_ns(1_000_000)[5]
+    assert manager.core._known.bringing._client._pace.period_ns(PE) == periods_ns(1_000_000)[5]
 
 
 def test_foreign_frames_count_in_that_load() -> None:
     others = ", foreign: [{identifier: 2000, bytes: 8, period_ms: 0.225}]"  # 135 bits: six tenths; the data need 0.3 %
     manager = flying(1_000_000, 50, others)
-    assert manager.core._known.bringing._pace.period_ns(PE) == periods_ns(1_000_000)[2]  # 5 %, not 10 % or 20 %
+    assert manager.core._known.bringing._client._pace.period_ns(PE) == periods_ns(1_000_000)[2]  # 5 %, not 10 % or 20 %
 
 
 @pytest.mark.parametrize(("checkpoint", "at"), [("", 0), (", checkpoint: {bytes: 360, hz: 2, max_age_ms: 1500}", 1)])
@@ -86,7 +86,7 @@ def test_checkpoints_count_in_that_load(checkpoint: str, at: int) -> None:
     text = text.replace("rate_hz: 40}", f"rate_hz: 40{checkpoint}}}", 1)
     manager = OneManager(loads(text, "two_tails.dg.yaml"), brings_tables=True)
     manager.start()
-    assert manager.core._known.bringing._pace.period_ns(PE) == periods_ns(1_000_000)[at]
+    assert manager.core._known.bringing._client._pace.period_ns(PE) == periods_ns(1_000_000)[at]
 
 
 def deploy(manager: OneManager) -> None:
@@ -96,6 +96,17 @@ def deploy(manager: OneManager) -> None:
     for pe in manager.running:
         manager.take(pe, PeState.ACTIVE)
     manager.pass_time(100 * MS)
+
+
+def has_nothing(manager: OneManager) -> None:
+    """Let the PE say that it has nothing of its table."""
+    manager.hear(Frame(ANSWER, b"\x4f\x26\x20\x02\x00\x00\x00\x00"))
+
+
+def open_blocks(manager: OneManager, segments: int) -> None:
+    """Let the PE say the same, and then that it takes so many segments in a block."""
+    has_nothing(manager)
+    manager.hear(Frame(ANSWER, bytes((0xA4, 0x26, 0x20, 0x01, segments, 0, 0, 0))))
 
 
 def requests(manager: OneManager, for_ns: int) -> int:
@@ -121,7 +132,7 @@ def test_no_segment_goes_out_while_another_configuration_is_on_its_way() -> None
     manager.answer()
     assert manager.core._known.deployment.is_at_rest()
     manager.hear(Frame(heartbeat_id(NODE), b"\x7f"))
-    manager.hear(Frame(ANSWER, b"\xa4\x20\x20\x00\x7f\x00\x00\x00"))
+    open_blocks(manager, 127)
     assert requests(manager, 20 * MS) > 10
     say(manager, FailElement("device:servo_left"))
     manager.answer()
@@ -140,7 +151,7 @@ def test_a_transfer_that_has_no_room_any_more_is_ended_and_a_wait_for_an_answer_
     manager.answer()
     deploy(manager)  # nothing crosses the bus
     manager.hear(Frame(heartbeat_id(NODE), b"\x7f"))
-    manager.hear(Frame(ANSWER, b"\xa4\x20\x20\x00\x01\x00\x00\x00"))  # blocks of one segment
+    open_blocks(manager, 1)
     say(manager, ClearElement("module:control"))
     manager.answer()
     assert requests(manager, 100 * MS) == 0
@@ -154,7 +165,7 @@ def test_a_transfer_that_has_no_room_any_more_is_ended_and_a_wait_for_an_answer_
 
 def test_beyond_a_gateway_the_slowest_bus_and_what_is_left_of_a_radio_give_the_pace() -> None:
     manager = OneManager(load(shipped_spec_path("big_blue")), brings_tables=True)
-    pace, radio = manager.core._known.bringing._pace, manager.spec.buses["radio"]
+    pace, radio = manager.core._known.bringing._client._pace, manager.spec.buses["radio"]
     assert [bus.name for bus in pace.way("ground")] == ["can0", "radio"]
     assert pace.period_ns("comms") == periods_ns(1_000_000)[0]
     whole_ns = pace.period_ns("ground")
@@ -174,5 +185,5 @@ def test_a_pe_to_which_no_way_leads_is_brought_no_table() -> None:
         "node_id: 94, buses: [can0]", "node_id: 94, buses: [can1]"
     )
     manager = OneManager(loads(apart, "apart.dg.yaml"), brings_tables=True)
-    assert manager.core._known.bringing._pace.way(PE) == []
+    assert manager.core._known.bringing._client._pace.way(PE) == []
     assert not manager.core.hears(heartbeat_id(NODE))

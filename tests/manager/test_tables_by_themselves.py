@@ -5,6 +5,7 @@ stay available.
 """
 
 from collections.abc import Callable, Collection
+from hashlib import sha256
 from itertools import pairwise
 
 import pytest
@@ -14,11 +15,13 @@ from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.table_waiting import WaitingCore
 from heronry_dg.loader import loads
 from heronry_manager import events
+from heronry_manager.core.provisioning import table_bringing
 from heronry_manager.core.tables import Compiler, PeTables
 from heronry_wire.authentication import KEY_BYTES, Key
-from heronry_wire.canopen_objects import CHALLENGE, TABLE
+from heronry_wire.canopen_objects import CHALLENGE, TABLE_TRANSFER
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id
+from heronry_wire.part_transfer import Part, Transfer
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.sdo import Abort, abort_message
@@ -26,6 +29,7 @@ from heronry_wire.state_frames import Reason
 from lab.peers import PlayedObjects
 from manager.messages_on_the_way import Change, Exchange, changes
 from manager.one_manager import MS, SPEC_TEXT, OneManager, two_tails
+from manager.test_table_pace import has_nothing, open_blocks
 from thoroughness import IS_WHOLE
 
 PE, NODE = "right", 94
@@ -33,7 +37,7 @@ SPEC = two_tails()
 OWN = PeTable.from_json(PeTables(Compiler(SPEC), ()).text(PE))
 LONGEST_NS = 12_000 * MS
 
-CHANGES = changes(TABLE, 0)
+CHANGES = changes(TABLE_TRANSFER, 1)
 
 
 class Flight(Exchange):
@@ -85,6 +89,20 @@ class Flight(Exchange):
     def has_table(self) -> bool:
         return self.pe.table is not None
 
+    def change_manager(self) -> None:
+        """Let another manager take over, of the same version and spec."""
+        now_ns = self.manager.now_ns
+        self.manager = OneManager(node=127, term=2, key=self.key, brings_tables=True)
+        self.manager.start(fly=False)
+        self.manager.die(PE)
+        self.manager.pass_time(now_ns + 1_200 * MS - self.manager.now_ns)
+        self.sent = len(self.manager.frames)
+        self.on_the_way.clear()
+
+    def received(self) -> int:
+        """Return how many bytes of its table the PE has."""
+        return self.pe.received.length
+
     def judge(self) -> None:
         """The PE gets its table, and no other PE is lost."""
         assert self.fly(self.has_table), self.notes
@@ -135,6 +153,56 @@ def test_a_pe_that_restarts_during_the_transfer_is_brought_the_table_anew(at: in
     assert flight.fly(lambda: flight.messages > at)
     flight.restart_pe()
     flight.judge()
+
+
+def cut_by_another_client(flight: Flight) -> None:
+    flight.manager.hear(Frame(sdo_request_id(NODE), bytes(8)))
+
+
+def cut_by_an_abort(flight: Flight) -> None:
+    flight.manager.hear(Frame(sdo_response_id(NODE), abort_message(TABLE_TRANSFER, 1, Abort.TIME_OUT)))
+
+
+def cut_by_a_takeover(flight: Flight) -> None:
+    flight.change_manager()
+
+
+def cut_by_silence(flight: Flight) -> None:
+    """Neither hears the other one for three seconds."""
+    flight.on_the_way.clear()
+    flight.manager.pass_time(3_000 * MS)
+    flight.sent = len(flight.manager.frames)
+
+
+CUTS = [cut_by_another_client, cut_by_an_abort, cut_by_silence]
+
+
+@pytest.mark.parametrize(
+    ("cut", "key"), [*((cut, key) for cut in CUTS for key in (None, KEY)), (cut_by_a_takeover, None)]
+)
+def test_a_transfer_that_was_cut_off_goes_on_where_it_was(
+    cut: Callable[[Flight], None], key: Key | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(table_bringing, "PART_BYTES", 140)
+    flight = Flight(key=key)
+    assert flight.fly(lambda: flight.received() >= 560)
+    cut(flight)
+    before = flight.messages
+    flight.judge()
+    of_what_is_left = (len(PeTables(Compiler(SPEC), ()).contents()[PE]) + 32 - 560) // 7
+    assert flight.messages - before < of_what_is_left + 60  # the question, the part that was on its way, the answers
+
+
+def test_a_table_whose_parts_are_of_two_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(table_bringing, "PART_BYTES", 140)
+    flight = Flight()
+    assert flight.fly(lambda: flight.received() >= 280)
+    objects = flight.pe._canopen._sdo._objects
+    content = PeTables(Compiler(SPEC), ()).contents()[PE]
+    own = Transfer(sha256(content).digest(), len(content))
+    assert objects.write(TABLE_TRANSFER, 1, Part(own, flight.received(), bytes(140)).encode()) is None  # forged
+    flight.judge()
+    assert [one.why for one in flight.manager.of(events.TableNotTaken)]
 
 
 def test_another_client_goes_first_and_nothing_is_told_of_it() -> None:
@@ -220,10 +288,10 @@ def test_a_manager_that_falls_silent_forgets_the_transfer() -> None:
     [
         b"",
         b"\xff" * 8,
-        b"\xa4\x20\x20\x00\x00\x00\x00\x00",  # blocks of no segment
+        b"\xa4\x26\x20\x01\x00\x00\x00\x00",  # blocks of no segment
         b"\xa2\x05\x20\x00\x00\x00\x00\x00",  # an acknowledgement before the transfer is open
-        abort_message(TABLE, 0, Abort.VALUE),
-        abort_message(TABLE, 0, Abort.DEVICE_STATE),
+        abort_message(TABLE_TRANSFER, 1, Abort.VALUE),
+        abort_message(TABLE_TRANSFER, 1, Abort.DEVICE_STATE),
     ],
 )
 def test_an_answer_that_does_not_fit_ends_the_transfer_and_is_told(answer: bytes) -> None:
@@ -242,7 +310,7 @@ def test_a_pe_that_receives_nothing_is_given_up() -> None:
     manager.die(PE)
     manager.pass_time(1_500 * MS)
     assert waits(manager)
-    manager.hear(Frame(sdo_response_id(NODE), b"\xa4\x20\x20\x00\x04\x00\x00\x00"))
+    open_blocks(manager, 4)
     for _ in range(4):
         manager.pass_time(50 * MS)
         manager.hear(Frame(sdo_response_id(NODE), b"\xa2\x00\x04\x00\x00\x00\x00\x00"))
@@ -309,7 +377,7 @@ def test_a_transfer_ends_when_its_pe_flies() -> None:
     flight.manager.pass_time(4_000 * MS)
     sent = [one.data for one in flight.manager.frames[before:] if one.can_id == sdo_request_id(NODE)]
     assert len(sent) <= 2
-    assert sent[-1] == abort_message(TABLE, 0, Abort.DEVICE_STATE)
+    assert sent[-1] == abort_message(TABLE_TRANSFER, 1, Abort.DEVICE_STATE)
     assert not flight.manager.of(events.TableBrought)
 
 
@@ -340,7 +408,7 @@ def test_an_acknowledgement_of_more_segments_than_were_sent_ends_the_transfer() 
     manager.die(PE)
     manager.pass_time(1_500 * MS)
     assert waits(manager)
-    manager.hear(Frame(sdo_response_id(NODE), b"\xa4\x20\x20\x00\x7f\x00\x00\x00"))
+    open_blocks(manager, 127)
     manager.hear(Frame(sdo_response_id(NODE), b"\xa2\x7e\x7f\x00\x00\x00\x00\x00"))
     (told,) = manager.of(events.TableNotTaken)
     assert told.why == "an answer did not fit"
@@ -356,8 +424,9 @@ def test_a_pe_with_another_table_that_runs_nothing_is_brought_its_own_and_one_th
     before = len(manager.frames)
     manager.pass_time(2_000 * MS)
     (asked,) = [one for one in manager.frames[before:] if one.can_id == sdo_request_id(NODE)]
-    assert asked.data[1:3] == TABLE.to_bytes(2, "little")
-    manager.hear(Frame(sdo_response_id(NODE), abort_message(TABLE, 0, Abort.DEVICE_STATE)))
+    assert asked.data[1:3] == TABLE_TRANSFER.to_bytes(2, "little")
+    has_nothing(manager)
+    manager.hear(Frame(sdo_response_id(NODE), abort_message(TABLE_TRANSFER, 1, Abort.DEVICE_STATE)))
     (told,) = manager.of(events.TableNotTaken)
     assert told.why.startswith("it keeps another table: start its agent with --node")
     manager.reboot(PE)

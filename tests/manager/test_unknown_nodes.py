@@ -115,9 +115,9 @@ def test_a_pe_that_waits_for_its_table_is_in_the_status() -> None:
     assert status(manager)["tables"] == {}
     for node in (92, 94):
         manager.hear(Frame(heartbeat_id(node), b"\x7f"))
-    assert status(manager)["tables"] == {"left": "its table is on its way", "right": "its turn comes"}
+    assert status(manager)["tables"] == {"left": "its table: 0 of 741 bytes", "right": "its turn comes"}
     manager.pass_time(1_100 * MS)
-    assert status(manager)["tables"] == {"left": "it did not answer", "right": "its table is on its way"}
+    assert status(manager)["tables"] == {"left": "it did not answer", "right": "its table: 0 of 696 bytes"}
     assert "! left waits for its table: it did not answer" in list(report(status(manager)))
     manager.pass_time(10_000 * MS)  # neither is heard again
     assert status(manager)["tables"] == {}

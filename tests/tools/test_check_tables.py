@@ -13,6 +13,7 @@ from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import prepared
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id
+from heronry_wire.part_transfer import Received
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0, StatePage2
 from scenarios.flights import flying
 
@@ -20,6 +21,7 @@ SPEC = load(shipped_spec_path("elevator_and_chute"))
 PE = SPEC.pes["tail_pe"]
 TABLES = prepared(SPEC, None).tables
 WRITES_TABLE = Frame(sdo_request_id(PE.node_id), bytes.fromhex("c620200000100000"))
+WRITES_PART = Frame(sdo_request_id(PE.node_id), bytes.fromhex("c626200128040000"))
 
 
 @pytest.fixture
@@ -54,6 +56,27 @@ def test_a_table_for_a_pe_that_follows_an_epoch_is_found(check: TableCheck) -> N
     send(check, 2_000 * MS + QUIET_NS - 1, WRITES_TABLE)
     (violation,) = check.violations
     assert "which flew" in violation.story
+    send(check, 2_000 * MS + QUIET_NS - 1, WRITES_PART)
+    assert len(check.violations) == 2
+
+
+def test_a_table_that_is_sent_from_its_beginning_although_half_has_come_is_found(check: TableCheck) -> None:
+    one, other = bytes(31) + b"\1", bytes(31) + b"\2"
+    for pe, digest, length in [
+        (PE.name, bytes(32), 0),
+        (PE.name, one, 1024),
+        (PE.name, one, 2048),
+        ("nose_pe", other, 1024),
+        (PE.name, one, 0),  # the whole was refused
+        (PE.name, other, 1024),
+        (PE.name, bytes(32), 0),  # the node has restarted
+        (PE.name, one, 1024),
+    ]:
+        check.came(1, pe, Received(digest, length))
+    assert check.violations == []
+    check.came(2, PE.name, Received(other, 1024))
+    (violation,) = check.violations
+    assert "from its beginning" in violation.story
 
 
 def test_a_transfer_that_takes_too_much_of_the_bus_is_found(check: TableCheck) -> None:

@@ -27,7 +27,7 @@ from functools import partial
 from typing import Any
 
 from heronry_agent.core.authority import Authenticity, ExclusiveFrames, FollowedManager, OutputAuthorization, Secret
-from heronry_agent.core.canopen import CanopenNode, GivenTable, Parts
+from heronry_agent.core.canopen import CanopenNode, GivenTable, Parts, ReceivedParts
 from heronry_agent.core.configuration import ActiveConfiguration
 from heronry_agent.core.forwarding import Gateway
 from heronry_agent.core.modules import RunningModules
@@ -38,6 +38,7 @@ from heronry_agent.core.vocabulary import Action, Note
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.management import Control, Lease, Operation, SliceBody, SliceHead, decode_command
+from heronry_wire.part_transfer import Received as PartsReceived
 from heronry_wire.pe_table import PeTable, Port
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.protocol_version import PROTOCOL
@@ -74,6 +75,7 @@ class WaitingCore:
             )
         self._authenticity = authenticity
         given = self._given = GivenTable(turn, node)
+        self._table_parts = ReceivedParts()
         parts = Parts(
             turn,
             index,
@@ -84,6 +86,7 @@ class WaitingCore:
             lambda: _WAITING,
             given.take,
             authenticity,
+            table_parts=self._table_parts,
             offer=offer,
         )
         self._turn, self._followed_manager, self._canopen = turn, followed_manager, CanopenNode(parts)
@@ -100,6 +103,11 @@ class WaitingCore:
     def table(self) -> PeTable | None:
         """The table that has come; None: the node still waits."""
         return self._given.table
+
+    @property
+    def received(self) -> PartsReceived:
+        """How far the transfer of a table in parts has come."""
+        return self._table_parts.received
 
     @property
     def identifiers(self) -> Collection[int]:

@@ -15,7 +15,7 @@ POLICY = Path("manager/heronry_manager/planning_policy.py")
 DESCRIBING = frozenset(("__init__", "events", "status", "vocabulary"))  # no decision in flight depends on them
 WIRE = Path("dbc/heronry_wire")
 CODEC = (
-    "authentication bundle_transfer bus_health canaerospace canopen_objects capacities channel_merge channel_watch "
+    "authentication part_transfer bus_health canaerospace canopen_objects capacities channel_merge channel_watch "
     "checkpoint_frames command_tags compressed_table "
     "configuration_slice contingency_block controller element_places errors failure_text frame gateway_report "
     "identification identifiers layout management nmt node_services packing pe_table protocol_times "

@@ -25,10 +25,10 @@ from heronry_manager.core.sdo_client import BlockDownload, Outcome
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.canopen_log import keep_off_the_terminal
 from heronry_wire.bundle import Bundle
-from heronry_wire.bundle_transfer import Part, Received, Transfer
 from heronry_wire.bus_opening import open_bus
 from heronry_wire.canopen_objects import PROGRAM_CONTROL, PROGRAM_STATUS, PROGRAM_TRANSFER
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id
+from heronry_wire.part_transfer import Part, Received, Transfer
 from heronry_wire.sdo import MESSAGE_BYTES, Abort, read_number
 from heronry_wire.timing import worst_bits
 

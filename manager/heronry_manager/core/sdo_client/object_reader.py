@@ -2,7 +2,8 @@
 
     idle      nothing is being read
     opened    an object was requested. The answer has a short value itself, or the length of a long value
-    segments  a long value comes in segments. Each segment is requested; the toggle bit alternates
+    segments  a long value comes in segments. Each segment is requested, `segment_ns` after the answer before; the
+              toggle bit alternates
     left      another SDO client has made a request to the PE (`heard_other`). The PE is left to that client until
               SILENCE_NS after the client's last request. If an object of the PE was being read, the object is read
               anew after that. Other PEs are read meanwhile
@@ -81,10 +82,11 @@ class _Reading:
     length: int | None = None  # of a long value, once it is known
     data: bytes = b""
     toggle: int = 0
+    is_paused: bool = False  # before the request for the next segment
 
     def anew(self) -> "_Reading":
         """Return a copy of this reading as it was before its first request."""
-        return replace(self, length=None, data=b"", toggle=0)
+        return replace(self, length=None, data=b"", toggle=0, is_paused=False)
 
     def is_of(self, other: "_Reading") -> bool:
         """Tell whether this reading and the other one read the same object."""
@@ -96,10 +98,12 @@ class ObjectReader:
     """The SDO client of a manager.
 
     send: is called with each frame to send.
+    segment_ns: least time in ns from an answer to the request for the next segment.
     next_ns: the time in ns at which to call `tick`.
     """
 
     send: Callable[[Send], None]
+    segment_ns: int = 0
     next_ns: int = NEVER_NS
     _now: _Reading | None = None
     _waiting: deque[_Reading] = field(default_factory=deque)
@@ -137,8 +141,10 @@ class ObjectReader:
             self._end(None, now_ns)
         elif reading.length == len(reading.data):
             self._end(reading.data, now_ns)
+        elif self.segment_ns:
+            reading.is_paused, self.next_ns = True, now_ns + self.segment_ns
         else:
-            self._say(segment(SEGMENT_UPLOAD | reading.toggle, b""), now_ns)
+            self._ask_on(reading, now_ns)
 
     def is_reading(self, node: int) -> bool:
         """Tell whether an object of this node is being read."""
@@ -162,10 +168,12 @@ class ObjectReader:
         """End a try whose answer has not come within SILENCE_NS; begin to read the next object that may be read."""
         if now_ns < self.next_ns:
             return
-        if self._now is not None:
-            self._end(None, now_ns)
-        else:
+        if self._now is None:
             self._begin_next(now_ns)
+        elif self._now.is_paused:
+            self._ask_on(self._now, now_ns)
+        else:
+            self._end(None, now_ns)
 
     def give_up(self) -> None:
         """Drop all objects that are being read or queued, since this manager is not active any more."""
@@ -174,6 +182,10 @@ class ObjectReader:
         self._waiting.clear()
         for reading in given_up:
             reading.take(None)
+
+    def _ask_on(self, reading: _Reading, now_ns: int) -> None:
+        reading.is_paused = False
+        self._say(segment(SEGMENT_UPLOAD | reading.toggle, b""), now_ns)
 
     def _take(self, reading: _Reading, message: bytes) -> bool:
         """Process an answer to the present request; tells whether the answer fits that request."""

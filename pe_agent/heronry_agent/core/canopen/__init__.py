@@ -26,6 +26,7 @@ from heronry_agent.core.canopen.canopen_node import CanopenNode
 from heronry_agent.core.canopen.given_table import GivenTable
 from heronry_agent.core.canopen.pe_objects import Parts
 from heronry_agent.core.canopen.programs import Programs
+from heronry_agent.core.canopen.received_parts import ReceivedParts
 from heronry_agent.core.canopen.sdo_server import SdoServer
 
-__all__ = ["CanopenNode", "GivenTable", "Parts", "Programs", "SdoServer"]
+__all__ = ["CanopenNode", "GivenTable", "Parts", "Programs", "ReceivedParts", "SdoServer"]

@@ -9,6 +9,7 @@ read. A client can write these objects:
                           node-ID of this PE
                         - A PE that has a table accepts only the same table again
                         - A PE that runs a configuration accepts no table, since its many bytes would load the bus
+                        A table comes whole (2020h), or in parts (2026h, `received_parts`); then it is the same
 
     program, its parts, program control     only where this PE has a loader (`programs`)
 
@@ -17,7 +18,7 @@ challenge that the client has read.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 
 from heronry_agent.core.authority import Authenticity, FollowedManager
@@ -25,6 +26,7 @@ from heronry_agent.core.canopen.network_management import NetworkManagement
 from heronry_agent.core.canopen.node_services import NodeServices
 from heronry_agent.core.canopen.object_dictionary import MOST_BYTES, BytesWriter, NumberWriter, ObjectDictionary, Place
 from heronry_agent.core.canopen.programs import Programs
+from heronry_agent.core.canopen.received_parts import ReceivedParts
 from heronry_agent.core.configuration import ActiveConfiguration
 from heronry_agent.core.modules import RunningModules
 from heronry_agent.core.reports import Facts
@@ -56,6 +58,7 @@ from heronry_wire.canopen_objects import (
     STATE,
     STORED_EDS,
     TABLE,
+    TABLE_TRANSFER,
     TIME,
 )
 from heronry_wire.compressed_table import table_bytes
@@ -83,6 +86,7 @@ class Parts:
     authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
     cost: returns what this node costs its computer, or None while that is not known.
     programs: the door to the loader; None where this PE has no loader.
+    table_parts: what has come of a table that comes in parts.
     offer: what a node without a table offers, for `heronry adopt`.
     """
 
@@ -97,6 +101,7 @@ class Parts:
     authenticity: Authenticity | None = None
     cost: Callable[[], NodeCost | None] = lambda: None
     programs: Programs | None = None
+    table_parts: ReceivedParts = field(default_factory=ReceivedParts)
     offer: str = ""
 
 
@@ -115,7 +120,10 @@ class PeObjects:
             (HEARTBEAT_TIME, 0): self._set_heartbeat,
             (ERROR_HISTORY, 0): self._forget_errors,
         }
-        bytes_writers: dict[Place, BytesWriter] = {(TABLE, 0): self._take_table}
+        bytes_writers: dict[Place, BytesWriter] = {
+            (TABLE, 0): self._take_table,
+            (TABLE_TRANSFER, 1): self._take_table_part,
+        }
         if programs is not None:
             number_writers[PROGRAM_CONTROL, 1] = programs.order
             bytes_writers |= {(PROGRAM_DATA, 1): programs.write, (PROGRAM_TRANSFER, 1): programs.write_part}
@@ -131,6 +139,7 @@ class PeObjects:
                 (PROGRAM_TRANSFER, 2): lambda: b"" if programs is None else programs.received,
                 (PROGRAM_TRANSFER, 3): lambda: b"" if programs is None else programs.active,
                 (TABLE, 0): self._table,
+                (TABLE_TRANSFER, 2): lambda: self._parts.table_parts.encoded,
                 **{(STATE, number): partial(self._state, number) for number in range(1, 11)},
                 (SPEC, 1): lambda: self._parts.index.table.name,
                 (SPEC, 2): lambda: self._parts.index.table.spec,
@@ -167,7 +176,7 @@ class PeObjects:
         )
 
     def _takes_bytes(self, index: int) -> bool:
-        if index == TABLE:
+        if index in (TABLE, TABLE_TRANSFER):
             return self._parts.active_configuration.running.epoch == NO_EPOCH
         return self._parts.programs is not None and self._parts.programs.takes_bytes()
 
@@ -222,6 +231,10 @@ class PeObjects:
 
     def _forget_errors(self, _zero: int) -> None:
         self._parts.modules.faults.history.clear()
+
+    def _take_table_part(self, written: bytes) -> Abort | None:
+        whole = self._parts.table_parts.take(written)
+        return self._take_table(whole) if isinstance(whole, bytes) else whole
 
     def _take_table(self, written: bytes) -> Abort | None:
         authenticity = self._parts.authenticity

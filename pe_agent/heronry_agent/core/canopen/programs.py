@@ -9,23 +9,19 @@
     2030h sub 3    which bundle the code that runs is of: its SHA-256 (32 bytes); two bundles may have one version
 
 A master of any make writes 1F50h. 2030h is an extension of ours: a transfer that was cut off goes on from where it was,
-also from another client, since each part says to which bundle it belongs. A part that does not begin where the one
-before ended is refused, the first one too, so a doubled, lost or late part changes nothing; a part of another bundle,
-or an order to clear, begins anew. When the last part has come and the SHA-256 is right, the bundle is what a write of
-1F50h would have brought.
+also from another client (`received_parts`). An order to clear begins anew. When the last part has come and the SHA-256
+is right, the bundle is what a write of 1F50h would have brought.
 
-This file keeps the bytes of an unfinished bundle, at most MOST_BYTES, and what the loader has said last. It decides
+This file keeps the bytes of an unfinished bundle, and what the loader has said last. It decides
 nothing on code: it hands orders on as actions (`WriteProgram`, `ControlProgram`), and the loader answers by the event
 `ProgramChanged`. A loader that does not answer leaves bit 0 set, and nothing else stops. A restart forgets the part.
 """
 
 from enum import IntEnum
-from hashlib import sha256
 
-from heronry_agent.core.canopen.object_dictionary import MOST_BYTES
+from heronry_agent.core.canopen.received_parts import ReceivedParts
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import ControlProgram, ProgramState, WriteProgram
-from heronry_wire.bundle_transfer import Part, Received, Transfer
 from heronry_wire.sdo import Abort
 
 STOP, START, CLEAR = 0, 1, 3
@@ -52,8 +48,7 @@ class Programs:
         self._turn, self._state = turn, state
         self._is_at_work = False
         self._is_stopped = False
-        self._transfer = Transfer(bytes(32), 0)
-        self._received = bytearray()
+        self._parts = ReceivedParts()
 
     @property
     def version(self) -> int:
@@ -73,7 +68,7 @@ class Programs:
     @property
     def received(self) -> bytes:
         """Return the value of 2030h sub 2."""
-        return Received(self._transfer.digest, len(self._received)).encode()
+        return self._parts.encoded
 
     @property
     def active(self) -> bytes:
@@ -92,29 +87,17 @@ class Programs:
         """Hand a whole bundle to the loader."""
         if self._is_at_work:
             return Abort.DEVICE_STATE
-        self._is_at_work, self._received = True, bytearray()
+        self._is_at_work = True
+        self._parts.forget()
         self._turn.do(WriteProgram(content))
         return None
 
     def write_part(self, content: bytes) -> Abort | None:
         """Take one part of a bundle; the last one hands the bundle to the loader."""
-        part = Part.decode(content)
-        if part is None:
-            return Abort.LENGTH
-        transfer = part.transfer
-        if transfer.length > MOST_BYTES:
-            return Abort.OUT_OF_MEMORY
         if self._is_at_work:
             return Abort.DEVICE_STATE
-        if transfer != self._transfer:
-            self._transfer, self._received = transfer, bytearray()
-        if part.at != len(self._received) or part.at + len(part.data) > transfer.length:
-            return Abort.VALUE
-        self._received += part.data
-        if len(self._received) < transfer.length:
-            return None
-        whole, self._received = bytes(self._received), bytearray()
-        return self.write(whole) if sha256(whole).digest() == transfer.digest else Abort.CRC
+        whole = self._parts.take(content)
+        return self.write(whole) if isinstance(whole, bytes) else whole
 
     def order(self, value: int) -> Abort | None:
         """Execute a write of 1F51h."""
@@ -124,7 +107,7 @@ class Programs:
             return Abort.DEVICE_STATE
         self._is_stopped = value != START
         if value == CLEAR:
-            self._received = bytearray()
+            self._parts.forget()
         if value != STOP:
             self._is_at_work = True
             self._turn.do(ControlProgram(is_start=value == START))

@@ -106,6 +106,7 @@ class Fleet:
             self._wiring.wires,
             secret=self._secret(pe),
             witness=self._checks.copied,
+            came=lambda received: self._checks.table_came(self._clock.now_ns, pe, received),
             took=took,
         )
 

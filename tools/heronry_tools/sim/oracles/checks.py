@@ -25,6 +25,7 @@ from heronry_tools.sim.world.replicated_port import Copy
 from heronry_tools.sim.world.steps_seen import Driven, Moved, StateSeen, Withheld
 from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.authentication import Key
+from heronry_wire.part_transfer import Received
 from heronry_wire.pe_table import PeTable
 
 
@@ -216,6 +217,11 @@ class Checks:
         """Report to the oracles that a node that waited for the table of a PE has taken this one."""
         if self._known.tables is not None:
             self._known.tables.took(t_ns, pe, table)
+
+    def table_came(self, t_ns: int, pe: str, received: Received) -> None:
+        """Report to the oracles how far the table of a node that waits for it has come; nothing: the node starts."""
+        if self._known.tables is not None:
+            self._known.tables.came(t_ns, pe, received)
 
     def lacks_code(self, t_ns: int, pe: str, module: str) -> None:
         """Report to the oracles that a PE lacks the code of a module."""

@@ -3,7 +3,8 @@
 Verified against frames, and against what a node says that it has taken:
 
 - A node that has taken a table has exactly the one that was compiled for its PE.
-- Nobody requests to write the table of a PE (a block download to object 2020h) that has shown within the last
+- What has come of a table is not thrown away: while a node lives and has bytes of one transfer, no other one begins.
+- Nobody requests to write the table of a PE (a block download to object 2020h or 2026h) that has shown within the last
   `QUIET_NS`, by a state on the managers' bus, that it follows an epoch.
 - SDO takes no more than a share of `MOST_SHARE` of the managers' bus in any `_WINDOW_NS`, so that what flies meets its
   deadlines.
@@ -18,6 +19,7 @@ from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.frame import Malformed
+from heronry_wire.part_transfer import Received
 from heronry_wire.pe_table import PeTable
 from heronry_wire.state_frames import PeState, decode_state
 from heronry_wire.timing import worst_bits
@@ -26,7 +28,8 @@ QUIET_NS = 900_000_000  # the clocks of PE and manager differ, and a state may c
 MOST_SHARE = 0.21
 _WINDOW_NS = 100_000_000
 _REQUEST, _ANSWER = 1536, 1408  # plus the node-ID (CiA 301)
-_BLOCK_DOWNLOAD_OF_TABLE = (0xC6, 0x20, 0x20, 0x00)
+_NOTHING = Received(bytes(32), 0)  # of a node at its start
+_BLOCK_DOWNLOADS_OF_TABLE = ((0xC6, 0x20, 0x20, 0x00), (0xC6, 0x26, 0x20, 0x01))
 
 
 class TableCheck(Oracle):
@@ -40,6 +43,7 @@ class TableCheck(Oracle):
         self._names = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._most_bits = MOST_SHARE * spec.buses[self._bus].bitrate * _WINDOW_NS / 1e9
         self._flew_ns: dict[str, int] = {}
+        self._received: dict[str, Received] = {}
         self._window, self._bits = 0, 0
         self._worst = [worst_bits(size) for size in range(9)]
 
@@ -61,11 +65,19 @@ class TableCheck(Oracle):
             story = f"SDO takes more than {MOST_SHARE:.0%} of {sent.bus}"
             self.violations.append(Violation(sent.end_ns, "table", story))
         pe = self._pe_of.get(sent.frame.can_id)
-        if pe is not None and tuple(sent.frame.data[:4]) == _BLOCK_DOWNLOAD_OF_TABLE:
+        if pe is not None and tuple(sent.frame.data[:4]) in _BLOCK_DOWNLOADS_OF_TABLE:
             quiet_ns = sent.end_ns - self._flew_ns.get(pe, -QUIET_NS)
             if quiet_ns < QUIET_NS:
                 story = f"{sent.sender} writes the table of {pe}, which flew {quiet_ns} ns before"
                 self.violations.append(Violation(sent.end_ns, "table", story))
+
+    def came(self, t_ns: int, pe: str, received: Received) -> None:
+        """Verify that a node which lives goes on with the transfer of which it has bytes."""
+        before = self._received.get(pe, _NOTHING)
+        self._received[pe] = received
+        if before.length and received.digest not in (before.digest, _NOTHING.digest):
+            story = f"{pe} has {before.length} bytes of a table, and is sent another one from its beginning"
+            self.violations.append(Violation(t_ns, "table", story))
 
     def took(self, t_ns: int, pe: str, table: PeTable) -> None:
         """Verify the table that a node has taken."""

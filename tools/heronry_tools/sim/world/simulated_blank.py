@@ -17,6 +17,7 @@ from heronry_tools.sim.world.node import Node
 from heronry_tools.sim.world.replicated_port import Copy
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import sdo_response_id
+from heronry_wire.part_transfer import Received as PartsReceived
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Send, Tick
 
@@ -35,6 +36,7 @@ class SimulatedBlank(Node):
         *,
         secret: Secret | None,
         witness: Callable[[Copy], None],
+        came: Callable[[PartsReceived], None],
         took: Callable[[PeTable], None],
     ) -> None:
         """Join the uplink, and begin to wait.
@@ -42,13 +44,16 @@ class SimulatedBlank(Node):
         own: the table that this node should get; only its name, its node-ID and its uplink are used.
         buses: the channels of each bus, by the name of the bus
         witness: is called with every copy of a frame on a replicated bus
+        came: is called with how far the transfer of the table has come, at the start and whenever that changes
         took: is called once, with the table that has come
         """
         super().__init__(clock, time)
-        self.name, self._took = own.name, took
+        self.name, self._came, self._took = own.name, came, took
         uplink = own.ports[own.uplink]
         self._answer_id = sdo_response_id(own.node_id)
         self.core = WaitingCore(own.node_id, uplink.bitrate, time.now_ns(), secret)
+        self._received = self.core.received
+        came(self._received)
         self._join(own.name, buses[uplink.bus], uplink, witness, frozenset(self.core.identifiers))
         self._ears[0].left = self._left
         self._arm(self.core.next_deadline_ns())
@@ -70,6 +75,9 @@ class SimulatedBlank(Node):
     def _step(self, event: Received | Tick) -> None:
         if self.running:
             self._carry_out(self.core.step(self.time.now_ns(), event))
+            if self.core.received != self._received:
+                self._received = self.core.received
+                self._came(self._received)
             self._arm(self.core.next_deadline_ns())
 
     def _carry_out(self, actions: Sequence[Action]) -> None:

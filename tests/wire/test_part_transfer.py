@@ -1,9 +1,9 @@
-"""The bytes of a bundle that comes in parts."""
+"""The bytes of what comes in parts."""
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_wire.bundle_transfer import Part, Received, Transfer
+from heronry_wire.part_transfer import Part, Received, Transfer
 
 digests = st.binary(min_size=32, max_size=32)
 numbers = st.integers(0, 0xFFFF_FFFF)
