@@ -12,7 +12,8 @@ from collections.abc import Collection, Iterator
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.gates import Expression, Leaf, Or, child_path, holds, leaves
-from heronry_dg.model import Spec
+from heronry_dg.model import Function, Spec
+from heronry_dg.plan import Plan
 
 
 def shortfalls(spec: Spec, configuration: Configuration, output: str, phase: str | None) -> tuple[str, ...]:
@@ -30,6 +31,15 @@ def shortfalls(spec: Spec, configuration: Configuration, output: str, phase: str
                 seen.add(wire.producer)
                 waiting.append(wire.producer)
     return tuple(found)
+
+
+def shortfalls_of(spec: Spec, plan: Plan, function: Function) -> tuple[str, ...]:
+    """Return the shortfalls of the output with which a plan serves a function; none if the plan does not serve it."""
+    running = plan.configuration
+    serving = next((output for output in function.outputs if output in running.modules), None)
+    if serving is None or not plan.functions[function.name].served:
+        return ()
+    return shortfalls(spec, running, serving, plan.now.phase)
 
 
 def _of_module(spec: Spec, configuration: Configuration, module: str, phase: str | None) -> Iterator[str]:

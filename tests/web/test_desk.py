@@ -46,6 +46,18 @@ def test_the_plan_is_that_of_the_command(seed, capsys):
     }
 
 
+def test_what_is_less_than_the_best_upstream_is_told_as_the_command_tells_it(capsys):
+    down = ["pe:nav", "pe:air", "pe:flight"]
+    told = Desk(big_blue()).answer({"ask": "plan", "down": down, "phase": "glide"})
+    assert told["shortfalls"].keys() == big_blue().functions.keys()
+    assert told["shortfalls"]["parachute"]
+    assert told["plan"]["functions"]["parachute"]["value"] == 100  # of the mode of its output alone
+    flags = [word for element in down for word in ("--down", element)]
+    for name in ("parachute", "experiment"):
+        assert heronry(["why", "big_blue", name, "--json", "--phase", "glide", *flags]) in (0, 1)
+        assert json.loads(capsys.readouterr().out)["shortfalls"] == told["shortfalls"][name]
+
+
 def test_a_script_gives_the_plan_that_it_makes_of_what_runs():
     spec = load(shipped_spec_path("elevator_and_chute"))
     desk = Desk(spec)

@@ -144,6 +144,9 @@ def test_every_panel_is_legible(chromium, server, width, scheme):
         watched.panel(panel)
         if panel == "what-if":
             watched.page.wait_for_selector("#what-if-answer [data-plan]", timeout=60_000)
+            then = watched.attributes("#what-if-answer [data-what-if]", "whatIf", "state")
+            assert (then["experiment"], then["parachute"], then["pilot_view"]) == ("lost", "degraded", "idle")
+            assert "runs without" in (watched.page.text_content('#what-if-answer [data-what-if="parachute"]') or "")
         expect_legible(watched, f"{panel} at {width}, {scheme}")
 
 
@@ -163,6 +166,10 @@ def test_only_orders_that_can_be_given_now_are_offered_and_an_adopted_epoch_is_l
         watched.page.wait_for_selector("#details:not([hidden]) dl")
         shown = watched.page.text_content("#details") or ""
         assert " ago" in shown
+        assert watched.page.eval_on_selector("#details dd", "(one) => one.clientWidth") > 100  # beside long names
+        start = watched.page.locator("#pes").get_by_role("button", name="Start pe:nav again")
+        assert start.text_content() == "Start"
+        assert start.evaluate("(one) => getComputedStyle(one).borderTopStyle") == "solid"  # it looks like a button
         assert watched.page.query_selector('#details [data-order="clear pe:nav"]') is None
         assert watched.page.query_selector('#details [data-order="retire pe:nav"]') is None  # it does not work
         assert watched.page.query_selector('#details [data-order="unlock pe:nav"]') is None  # nothing has a key

@@ -30,6 +30,7 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import Plan, check_names, configuration_of, make_plan
+from heronry_dg.shortfalls import shortfalls_of
 from heronry_dg.situation import Situation, checked_function, situation
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import plan
@@ -95,7 +96,9 @@ class Desk:
 
     def _told(self, found: Plan) -> dict[str, Any]:
         found = explained(self._spec, found)
-        return {"plan": found.document(), "graph": plain(self._graphs.graph(found.now, found.configuration))}
+        less = {name: list(shortfalls_of(self._spec, found, one)) for name, one in self._spec.functions.items()}
+        graph = plain(self._graphs.graph(found.now, found.configuration))
+        return {"plan": found.document(), "graph": graph, "shortfalls": less}
 
     def _why(self, function: str, question: Mapping[str, Any]) -> dict[str, Any]:
         now = situation(self._spec, question.get("down") or (), (), question.get("phase"))

@@ -54,7 +54,7 @@ from typing import Any
 
 from heronry_dg.model import Function, Spec
 from heronry_dg.plan import Plan
-from heronry_dg.shortfalls import shortfalls
+from heronry_dg.shortfalls import shortfalls_of
 from heronry_dg.situation import Situation
 from heronry_manager.core.authentication import Authenticity
 from heronry_manager.core.epochs import Deployment, HeldOutputs, Silences
@@ -171,16 +171,8 @@ def _function(
         "mode": None if report is None else report.mode,
         "value": (0 if report is None else report.value) if known else None,
         "why_not": why_not if report is None else report.why_not,
-        "shortfalls": [] if plan is None else list(_shortfalls(spec, function, plan)),
+        "shortfalls": [] if plan is None else list(shortfalls_of(spec, plan, function)),
     }
-
-
-def _shortfalls(spec: Spec, function: Function, plan: Plan) -> tuple[str, ...]:
-    running = plan.configuration
-    serving = next((output for output in function.outputs if output in running.modules), None)
-    if serving is None or not plan.functions[function.name].served:
-        return ()
-    return shortfalls(spec, running, serving, plan.now.phase)
 
 
 def _priority(one: PriorityChanged) -> dict[str, Any]:

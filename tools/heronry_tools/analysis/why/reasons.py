@@ -35,7 +35,7 @@ from heronry_dg.model import Function, Spec
 from heronry_dg.objective import placement
 from heronry_dg.plan import Plan
 from heronry_dg.plan_report import FunctionReport
-from heronry_dg.shortfalls import shortfalls
+from heronry_dg.shortfalls import shortfalls_of
 from heronry_dg.situation import Situation
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.explain import explained
@@ -109,7 +109,7 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
     best_value = max(
         function.value_of(0, len(spec.modules[output].modes)) for output in function.outputs
     )  # modes are listed best first
-    unknown = Explanation(function, now, report, best_value, (), (), shortfalls=_shortfalls(spec, found, function))
+    unknown = Explanation(function, now, report, best_value, (), (), shortfalls=shortfalls_of(spec, found, function))
     if now.priority_of(function) == 0 or (report.served and report.value >= best_value):
         return unknown
     question = _question(spec, found, function, best_value if report.served else 0)
@@ -122,14 +122,6 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
         reasons=tuple(_irreducible(every, possible)),
         repairs=tuple(_repairs(question, every, function, now, possible)),
     )
-
-
-def _shortfalls(spec: Spec, found: Plan, function: Function) -> tuple[str, ...]:
-    running = found.configuration
-    serving = next((output for output in function.outputs if output in running.modules), None)
-    if serving is None or not found.functions[function.name].served:
-        return ()
-    return shortfalls(spec, running, serving, found.now.phase)
 
 
 def _lost_by_logic(spec: Spec, now: Situation, function: Function) -> tuple[frozenset[str], ...]:

@@ -75,6 +75,7 @@ export function explanation(answer) {
   const repairs = why.repairs.map((one) => [...one.restore.map((element) => `${element} comes back`), ...one.add.map((more) => `${more.more} more ${more.kind} on ${more.name}`)].join(", and "));
   return [
     h("p", {}, head),
+    why.shortfalls.length ? [h("p", { class: "muted" }, "less than the best, in it and upstream of it:"), h("ul", { class: "why-list" }, why.shortfalls.map((one) => h("li", {}, one)))] : null,
     why.reasons.length ? [h("p", { class: "muted" }, "because, all at once:"), h("ul", { class: "why-list" }, why.reasons.map((one) => h("li", {}, one.text)))] : null,
     repairs.length ? [h("p", { class: "muted" }, "repaired by any one of:"), h("ul", { class: "repairs" }, repairs.map((one) => h("li", {}, one)))] : null,
   ].flat().filter(Boolean);

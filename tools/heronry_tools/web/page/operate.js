@@ -17,12 +17,12 @@ function question(order) {
 }
 
 function opener(order, text, act) {
-  return h("button", { type: "button", class: store.facts.orders[order.do].is_grave ? "grave" : "", "data-order": [order.do, order.what].filter(Boolean).join(" "), on: { click: act ?? (() => ask(order)) } }, text ?? word(order));
+  return h("button", { type: "button", "aria-label": text && !act ? word(order) : null, class: store.facts.orders[order.do].is_grave ? "grave" : "", "data-order": [order.do, order.what].filter(Boolean).join(" "), on: { click: act ?? (() => ask(order)) } }, text ?? word(order));
 }
 
 // The server says what can be done now.
-export function button(name, element) {
-  return store.offered[element]?.includes(name) ? opener({ do: name, what: element }) : null;
+export function button(name, element, text) {
+  return store.offered[element]?.includes(name) ? opener({ do: name, what: element }, text) : null;
 }
 
 export const buttons = (element) => (store.offered[element] ?? []).map((name) => opener({ do: name, what: element }));
@@ -132,6 +132,7 @@ export function consequences(answer) {
   for (const [name, after] of Object.entries(answer.plan.functions)) {
     if (before[name].served && !after.served) lost.push(h("li", {}, h("b", {}, name), ` will be lost: ${after.why_not}`));
     else if (before[name].served && after.value < before[name].value) worse.push(h("li", {}, h("b", {}, name), ` will be served in mode ${after.mode}: value ${after.value} instead of ${before[name].value}`));
+    else if (before[name].served && !before[name].shortfalls.length && answer.shortfalls[name].length) worse.push(h("li", {}, h("b", {}, name), ` will be served with less than the best: ${answer.shortfalls[name][0]}`));
     else if (!before[name].served && after.served) gained.push(name);
   }
   return [

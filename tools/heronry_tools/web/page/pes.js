@@ -28,9 +28,9 @@ function card(pe) {
   ].filter(Boolean);
   return h("li", { class: `card pe ${pe.standing}`, "data-pe": pe.name, "data-standing": pe.standing },
     h("header", {}, badge(pe.standing),
-      h("button", { type: "button", on: { click: () => details.open({ kind: "pe", name: pe.name }) } }, pe.name),
+      h("button", { type: "button", class: "name", on: { click: () => details.open({ kind: "pe", name: pe.name }) } }, pe.name),
       h("small", {}, extra.join(" · ")),
-      operate.button("kill", `pe:${pe.name}`), operate.button("start", `pe:${pe.name}`)),
+      operate.button("kill", `pe:${pe.name}`, "Kill"), operate.button("start", `pe:${pe.name}`, "Start")),
     pe.why ? h("p", { class: "why" }, pe.why) : null,
     h("div", { class: "budgets" },
       budget("CPU", pe.cpu, (n) => `${(n / 1000).toFixed(2)}`),

@@ -89,14 +89,14 @@ function answered(into, asked, answer) {
     into.replaceChildren(h("p", { class: "card why" }, answer.refused ?? answer.sentence));
     return;
   }
-  const { plan, graph } = answer;
+  const { plan, graph, shortfalls } = answer;
   colour(parts, graph, plan.modules);
   parts.svg.style.width = `${parts.width}px`;
   parts.svg.style.height = "auto";
   for (const { element } of parts.nodes) element.setAttribute("role", "img");
   const wanted = Object.entries(plan.functions).filter(([name]) => isWanted(name, asked));
   const served = wanted.filter(([, one]) => one.served).length;
-  const rows = Object.entries(plan.functions).map(([name, one]) => functionRow(name, one, asked));
+  const rows = Object.entries(plan.functions).map(([name, one]) => functionRow(name, one, shortfalls[name], asked));
   into.replaceChildren(
     h("section", { class: "card" }, h("h3", {}, `${served} of ${wanted.length} wanted functions would be served`),
       h("table", { "data-plan": JSON.stringify(plan) }, h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Function"), h("th", { scope: "col" }, "Then"), h("th", { scope: "col" }, "Now"), h("th", { scope: "col" }, "Why"))), h("tbody", {}, rows))),
@@ -106,10 +106,10 @@ function answered(into, asked, answer) {
 
 const isWanted = (name, asked) => name in asked.priorities ? asked.priorities[name] > 0 : store.facts.functions[name].wanted_in.includes(asked.phase);
 
-function functionRow(name, then, asked) {
+function functionRow(name, then, less, asked) {
   const now = store.snapshot.functions[name];
   const wanted = isWanted(name, asked);
-  const isBest = !wanted || (then.served && then.value >= 100);
+  const isBest = !wanted || (then.served && then.value >= 100 && !less.length);
   const state = !wanted ? "idle" : then.served ? (isBest ? "served" : "degraded") : "lost";
   const into = h("div", { "aria-live": "polite" });
   const why = h("button", { type: "button", on: { click: async () => {
@@ -118,9 +118,9 @@ function functionRow(name, then, asked) {
     into.replaceChildren(...explanation(await post("/api/ask", { ask: "why", function: name, down: asked.down, phase: asked.phase })));
     why.disabled = false;
   } } }, "Why?");
-  return h("tr", { "data-what-if": name, "data-served": String(then.served) }, h("td", {}, named(name)),
+  return h("tr", { "data-what-if": name, "data-served": String(then.served), "data-state": state }, h("td", {}, named(name)),
     h("td", {}, badge(state), ` ${then.served ? `${then.mode}, value ${then.value}` : wanted ? "not served" : "not wanted"}`),
-    h("td", {}, now.served ? `${now.mode}, value ${now.value}` : now.wanted ? WORDS.lost : "not wanted"), h("td", {}, wanted ? (then.why_not ?? "") : "", " ", isBest ? null : why, into));
+    h("td", {}, now.served ? `${now.mode}, value ${now.value}` : now.wanted ? WORDS.lost : "not wanted"), h("td", {}, wanted ? (then.why_not ?? less[0] ?? "") : "", " ", isBest ? null : why, into));
 }
 
 function moves(then) {
