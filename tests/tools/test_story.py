@@ -524,6 +524,13 @@ def test_without_a_script_the_busiest_pe_is_killed_and_comes_back() -> None:
     assert default_actions(plan_after(None).told(), 3.5) == []  # the demo ends before
 
 
+def test_the_help_names_the_pe_that_the_demo_kills(capsys: pytest.CaptureFixture[str]) -> None:
+    kill, _ = default_actions(plan(BIG_BLUE, situation(BIG_BLUE)).told(), 15.0)
+    with pytest.raises(SystemExit):
+        main(["demo", "--help"])
+    assert f"big_blue; the PE with most modules ({kill.pe}) is killed, and back" in capsys.readouterr().out
+
+
 # Buses
 
 
