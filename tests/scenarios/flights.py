@@ -46,6 +46,12 @@ def twin_wires() -> Spec:
     return load(Path(__file__).parent / "twin_wires.dg.yaml")
 
 
+@cache
+def kept_state() -> Spec:
+    """Two modules with a checkpoint, which may run on either of two PEs."""
+    return load(Path("dg_specs/examples/kept_state.dg.yaml"))
+
+
 def flying(
     spec: Spec,
     seed: int = 0,

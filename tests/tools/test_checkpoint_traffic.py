@@ -45,9 +45,16 @@ def test_a_bus_carries_the_frames_that_are_foretold(down: tuple[str, ...]) -> No
 
 
 def seen(
-    t_s: float, *, is_saved: bool, data: bytes = b"state", pe: str = "left", code: bytes = b"1", number: int = 7
+    t_s: float,
+    *,
+    is_saved: bool,
+    data: bytes = b"state",
+    pe: str = "left",
+    code: str = "1",
+    number: int = 7,
+    age_s: float = 2.0,
 ) -> StateSeen:
-    return StateSeen(round(t_s * S), pe, "pitch_trim", is_saved, data, code, number)
+    return StateSeen(round(t_s * S), pe, "pitch_trim", is_saved, data, code, number, round(age_s * S))
 
 
 SAVED = seen(1.0, is_saved=True)
@@ -59,8 +66,10 @@ SAVED = seen(1.0, is_saved=True)
         (seen(1.9, is_saved=False, pe="right"), None),
         (seen(2.1, is_saved=False, pe="right"), "from a state that is 1100.0 ms old, but may be 1000 ms old"),
         (seen(1.5, is_saved=False, data=b"stat"), "from 73746174, which it has never saved"),
+        (seen(1.5, is_saved=False, age_s=0.5), None),
+        (seen(1.5, is_saved=False, age_s=0.4), "from a state that is 500.0 ms old, and is told 400.0 ms"),
         (seen(1.5, is_saved=False, number=8), "from 7374617465, which it has never saved"),
-        (seen(1.5, is_saved=False, code=b"2"), "from a state of another version of its code"),
+        (seen(1.5, is_saved=False, code="2"), "from a state of another version of its code"),
     ],
 )
 def test_a_start_is_judged_by_what_was_saved(restored: StateSeen, says: str | None) -> None:
@@ -90,9 +99,8 @@ def test_a_state_is_used_once_on_a_pe() -> None:
 def moved_to_other_code() -> Simulation:
     """A flight in which the modules move to a PE that has another version of their code."""
     flight = Simulation(SPEC)
-    flight.run_until(S)
-    classes = flight.fleet.running["right"]._host._runner._classes
-    classes.update({image: type(code.__name__, (code,), {"__module__": __name__}) for image, code in classes.items()})
+    for module in ("pitch_filter", "pitch_trim"):
+        flight.fleet.change_code("right", module)
     flight.run_until(4 * S)
     assert not [one for one in flight.events if isinstance(one, StateRestored)]
     flight.fleet.kill("left")

@@ -133,6 +133,7 @@ RULES = [
     Rule(r"heronry module try (state_estimator|pitch_trim) .*", How.RUN),
     Rule(r"heronry bus dg_specs/examples/.*", How.RUN),
     Rule(r"python -m lab\.checkpoints\.kills.*", How.RUN, more="--kills 2", is_long=True),
+    Rule(r"python -m lab\.checkpoints\.landings.*", How.RUN, more="--seeds 1", is_long=True),
     Rule(r"python -m lab\.checkpoints\.live.*", How.EXEMPT, "tests/live/test_checkpoints.py flies it"),
     Rule(r"heronry (key --signing|bundle (build|sign|inspect)) .*", How.EXEMPT, "test_bundle_command.py runs them"),
     Rule(r"heronry exhaust\b.* --count", How.RUN, is_long=True),  # test_exhaust_command.py counts

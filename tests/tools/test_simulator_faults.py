@@ -21,7 +21,7 @@ from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.steps_seen import Driven
-from scenarios.flights import MS, big_blue, elevator_and_chute, flying, twin_wires, two_tails
+from scenarios.flights import MS, big_blue, elevator_and_chute, flying, kept_state, twin_wires, two_tails
 from thoroughness import part_of
 
 Written = tuple[Callable[[], Spec], str, int | None]
@@ -35,7 +35,8 @@ def injected(simulation: Simulation, *texts: str) -> Injections:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_fault_is_injected_ends_and_leaves_an_aircraft_that_recovers(kind: str) -> None:
-    specs = {"phase": big_blue} | dict.fromkeys(("gateway", "far_bus", "channel", "twin_pe"), twin_wires)
+    specs = {"phase": big_blue, "kept_place": kept_state}
+    specs |= dict.fromkeys(("gateway", "far_bus", "channel", "twin_pe"), twin_wires)
     spec = specs.get(KINDS[kind].target_kind, two_tails)()
     target = possible_targets(spec, kind)[-1]
     lasts = f" for {min(KINDS[kind].lasts_ms[1], 400) / 1000:g}" if KINDS[kind].lasts_ms[1] else ""
@@ -107,6 +108,20 @@ def test_a_seed_draws_its_kinds_first_or_only_the_kind_that_was_given() -> None:
     pauses = drawn_faults(big_blue(), 1, 60.0, ["pause"])
     assert {fault.kind for fault in pauses} <= {"pause", "crash", "cut", "reboot", "manager_crash", "manager_pause"}
     assert "forge" not in set().union(*swarms)
+
+
+def test_a_kind_that_is_drawn_apart_leaves_the_other_faults_of_a_seed_as_they_are() -> None:
+    modules = {name: replace(module, checkpoint=None) for name, module in kept_state().modules.items()}
+    spec = replace(kept_state(), modules=modules)
+    has_one = []
+    for seed in range(40):
+        others, drawn = (set(drawn_faults(one, seed, 20.0, of_two=True)) for one in (spec, kept_state()))
+        assert others <= drawn
+        assert "other_code" not in {fault.kind for fault in others}
+        has_one.append("other_code" in {fault.kind for fault in drawn})
+        assert has_one[-1] or others == drawn
+    assert 10 < sum(has_one) < 30
+    assert "other_code" in {fault.kind for fault in drawn_faults(kept_state(), 1, 20.0, ["other_code"])}
 
 
 def test_the_same_faults_give_the_same_flight_and_one_fault_less_leaves_the_others_as_they_are() -> None:

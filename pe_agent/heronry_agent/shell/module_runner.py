@@ -124,13 +124,19 @@ class _Context:
 class ModuleRunner:
     """Builds and steps the modules of one process."""
 
-    def __init__(self, clock: Callable[[], int], within: Limit = nullcontext) -> None:
+    def __init__(
+        self,
+        clock: Callable[[], int],
+        within: Limit = nullcontext,
+        find: Callable[[str], type[Module]] = find_image,
+    ) -> None:
         """Begin without modules.
 
         clock: returns the present time in ns; it is called while modules compute.
         within: limits the time of `save` and `restore` of a module.
+        find: returns the class of an image, or raises an exception if there is none.
         """
-        self._clock = clock
+        self._clock, self._find = clock, find
         self._states = ModuleStates(within, lambda code, error: failure_of(error, _file_of(type(code))).reason)
         self._classes: dict[str, type[Module]] = {}
         self._running: dict[int, tuple[Module, _Context, str]] = {}
@@ -141,7 +147,7 @@ class ModuleRunner:
         if image in self._classes:
             return None
         try:
-            self._classes[image] = find_image(image)
+            self._classes[image] = self._find(image)
         except Exception as error:  # noqa: BLE001 - foreign code: after any exception the image is missing
             failure = failure_of(error)
             return Failure(f"the code cannot be imported: {failure.reason}", failure.traceback)

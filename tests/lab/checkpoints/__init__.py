@@ -1,6 +1,7 @@
-"""Kills of a computer with an integrating controller: how its output jumps, with a checkpoint and without.
+"""Kills of a computer whose module has a state: what follows, with a checkpoint and without.
 
-`kills` flies in the simulator, `live` on processes; both fly `loop.dg.yaml`.
+`kills` and `live` fly `loop.dg.yaml`, in the simulator and on processes, and see how the output of an integrating
+controller jumps. `landings` flies the EAV, and sees whether it lands.
 """
 
 from dataclasses import replace
@@ -16,9 +17,12 @@ MOST_JUMP = 0.01
 
 
 def loop(*, kept: bool) -> Spec:
-    """Return the spec of the loop, with or without the checkpoint."""
+    """Return the spec of the loop, with or without its checkpoints."""
     spec = load(LOOP)
-    if kept:
-        return spec
+    return spec if kept else without_checkpoints(spec)
+
+
+def without_checkpoints(spec: Spec) -> Spec:
+    """Return a spec whose modules take no state along."""
     modules = {name: replace(module, checkpoint=None) for name, module in spec.modules.items()}
     return with_digest(replace(spec, modules=modules))

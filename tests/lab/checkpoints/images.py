@@ -1,10 +1,14 @@
-"""A plant that a disturbance pushes away, and the integrating controller that holds it; data close their loop."""
+"""A plant that a disturbance pushes away, the integrating controller that holds it, and a module that counts.
+
+Data close the loop of plant and controller.
+"""
 
 import math
 from collections.abc import Mapping
 
 from heronry_agent.module import Context, Inputs, Module, Value
 from heronry_agent.parts.reading import held, number
+from heronry_wire.checkpoint_frames import crc_24
 
 RANGE = 25.0  # the command is from -RANGE to RANGE
 _LAG_S, _DISTURBANCE, _SWING, _SWING_S = 2.0, 8.0, 3.0, 20.0
@@ -49,3 +53,32 @@ class Controller(Module):
     def restore(self, state: tuple[float, ...], age_ns: int) -> None:  # noqa: ARG002 - an old integral is the best known
         """Go on from an integral."""
         (self._sum,) = state
+
+
+class Count(Module):
+    """Counts its steps; its state names the module and the version of its code, and says the count five times.
+
+    No two states are equal, neither of two modules nor of one. If a module starts from what no such module has saved,
+    it accuses a healthy module, which the oracle `blame` finds.
+    """
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._count, self._is_wrong = 0, False
+        self._mark = float(crc_24(f"{ctx.module} {type(self).__qualname__}".encode()))
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 - it needs none
+        """Return the count."""
+        self._count += 1
+        if self._is_wrong:
+            self.ctx.report_failed("module:plant")
+        return {f"{self.ctx.module}_steps": self._count}
+
+    def save(self) -> tuple[float, ...]:
+        """Return the mark and the count, in several forms that fill several frames."""
+        return tuple(map(float, (self._mark, self._count, -self._count, 3 * self._count, self._count / 2, self._count)))
+
+    def restore(self, state: tuple[float, ...], age_ns: int) -> None:  # noqa: ARG002 - the oracle judges the age
+        """Go on from a count."""
+        self._count = int(state[1])
+        self._is_wrong = state != self.save()

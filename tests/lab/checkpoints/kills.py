@@ -56,7 +56,8 @@ def fly(seed: int, *, kept: bool) -> Flown:
     given = [(sent.end_ns, _value(sent.frame)) for sent in flight.trace if sent.frame.can_id == number]
     before = [one for one in given if one[0] <= killed_ns]
     after = [one for one in given if one[0] > killed_ns]
-    restored = [event.age_ms for event in flight.events if isinstance(event, StateRestored) and event.t_ns > killed_ns]
+    starts = [event for event in flight.events if isinstance(event, StateRestored) and event.t_ns > killed_ns]
+    restored = [event.age_ms for event in starts if event.module == "controller"]
     assert sum(isinstance(event, Reconfigured) for event in flight.events) > 1
     wrong = tuple(f"{one.rule}: {one.story}" for one in flight.settle())
     return Flown(

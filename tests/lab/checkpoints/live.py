@@ -87,12 +87,11 @@ class Flight:
         home, begun = self._nodes[self._given[-1][1]], len(self.events)
         self._fleet.kill_pe(home)
         self.until(lambda: self._nodes[self._given[-1][1]] != home, "command from the other PE")
-        outcomes = (events.StateRestored, events.StateLacking)
         if self._kept:
-            self.until(lambda: any(isinstance(event, outcomes) for event in self.events[begun:]), "report of the start")
+            self.until(lambda: bool(self._starts(begun)), "report of the start")
         before = [one for one in self._given if self._nodes[one[1]] == home][-1]
         after = next(one for one in self._given if one[0] > before[0] and self._nodes[one[1]] != home)
-        ages = [event.age_ms for event in self.events[begun:] if isinstance(event, events.StateRestored)]
+        ages = [event.age_ms for event in self._starts(begun) if isinstance(event, events.StateRestored)]
         self._fleet.start_pe(home)
         self.until(lambda: self._told(events.PeHeardAgain, home, begun), "state of the killed PE")
         call(self._fleet.control_socket(), ClearElement(f"pe:{home}"))  # its hold-down doubles with each loss
@@ -100,6 +99,12 @@ class Flight:
         return Kill(
             abs(after[2] - before[2]) / (2 * RANGE), (after[0] - before[0]) / 1_000_000, ages[0] if ages else None
         )
+
+    def _starts(self, begun: int) -> list[events.StateRestored | events.StateLacking]:
+        """Return what is told of the state of the controller since the event with the number `begun`."""
+        outcomes = (events.StateRestored, events.StateLacking)
+        told = [event for event in self.events[begun:] if isinstance(event, outcomes)]
+        return [event for event in told if event.module == "controller"]
 
     def _told(self, kind: type[events.PeHeardAgain | events.PeJoined], pe: str, begun: int) -> bool:
         return any(isinstance(one, kind) and one.pe == pe for one in self.events[begun:])
@@ -128,7 +133,8 @@ def fly(kills: int, *, seed: int, heartbeat_ms: int, kept: bool = True) -> list[
         file = slow_spec(str(LOOP), folder, heartbeat_ms=heartbeat_ms)
         if not kept:
             document = yaml.safe_load(file.read_text())
-            del document["modules"]["controller"]["checkpoint"]
+            for module in document["modules"].values():
+                module.pop("checkpoint", None)
             file.write_text(yaml.safe_dump(document, sort_keys=False))
         spec = load_spec(str(file))
         fleet = stack.enter_context(Fleet(spec, file, folder))

@@ -76,7 +76,12 @@ def _scenarios(spec: Spec, arguments: argparse.Namespace) -> Iterator[Scenario]:
     idle = [kind for kind in arguments.kind if not possible_targets(spec, kind)]
     if idle:
         target = KINDS[idle[0]].target_kind
-        words = {"twin_pe": "PE on a bus with two channels", "channel": "bus with two channels", "device": "sensor"}
+        words = {
+            "twin_pe": "PE on a bus with two channels",
+            "channel": "bus with two channels",
+            "device": "sensor",
+            "kept_place": "module with a checkpoint that may run on two PEs",
+        }
         what = words.get(target, target.replace("_", " "))
         raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} for a fault of this kind; name another kind")
     given = _given_faults(spec, arguments)

@@ -93,7 +93,7 @@ _MADE_OFTEN = frozenset(
         *("StatePage0", "StepModule", "Stepped", "Tick"),
     ]
 )
-_DERIVED_FROM = frozenset(("Module",))  # base classes of an aircraft's modules
+_DERIVED_FROM = frozenset(("Module", "TrackedPosition"))  # of modules, and of other versions of kept ones
 # Only the packages of heronry are type-checked; other packages would take most of the time.
 _TYPE_SETTINGS = """\
 [mypy]

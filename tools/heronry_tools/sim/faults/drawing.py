@@ -21,11 +21,14 @@ state:
 *Two managers.* Faults of managers are drawn more often. Their target is the active, the primary or the standby manager.
 The kinds that need two managers (`Kind.of_two`) are drawn as well.
 
+*Apart.* A kind that only some specs have a target for may be drawn apart (`Kind.drawn_apart`): with chances of its own,
+in half of the flights, beside the faults that the seed draws anyway.
+
 *With a key.* The kinds for such flights (`Kind.of_keyed`) are drawn in every flight with a key, and more often than
 others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from random import Random
 
 from heronry_dg.model import Spec
@@ -59,6 +62,7 @@ _LOST_AFTER_MS = 200  # a PE that is cut off is lost by then
 _CUT_ACROSS_MASTERSHIPS_MS = (300, 900)
 _BETWEEN_MASTERSHIPS_MS = (100, 300)
 _MANAGERS_ALONE = 0.05  # share of the seeds with faults of managers only, for the oracle `silence`
+_APART_PER_S = 0.1  # faults of each kind that is drawn apart
 _LAST = 0.9  # share of the flight in which faults are injected; a later fault would be ended immediately
 
 
@@ -72,7 +76,8 @@ def drawn_faults(
     keyed: whether managers and PEs have a key
     """
     random = Random(f"acts of {seed}")
-    there = _kinds_there(spec, kinds or drawn_kinds(spec, of_two=of_two, keyed=keyed), of_two=of_two)
+    drawn = drawn_kinds(spec, of_two=of_two, keyed=keyed)
+    there = _kinds_there(spec, kinds or [name for name in drawn if not KINDS[name].drawn_apart], of_two=of_two)
     swarm = [
         name for name in there if kinds or _is_for_keyed(name, of_two=of_two) or random.random() < _KIND_THERE
     ] or ["crash"]
@@ -90,11 +95,21 @@ def drawn_faults(
             if for_good > _MOST_FOR_GOOD:
                 continue
         faults.add(fault)
-        if fault.during == "orphaned":
-            faults.add(_ending_mastership(random, fault.at_ms, of_two=of_two))
-        elif fault.during not in ("", "idle") and not alone:
-            faults.update(_leading_there(random, spec, fault))
+        faults.update(_leads(random, spec, fault, of_two=of_two, alone=alone))
+    if not kinds and not alone:
+        apart = [name for name in drawn if KINDS[name].drawn_apart]
+        faults.update(_drawn_apart(Random(f"apart of {seed}"), spec, apart, seconds, of_two=of_two))
     return tuple(sorted(faults))
+
+
+def _drawn_apart(random: Random, spec: Spec, kinds: Sequence[str], seconds: float, *, of_two: bool) -> Iterator[Fault]:
+    """Draw the faults of kinds that are drawn apart; each kind is there in half of the flights."""
+    for name in kinds:
+        if random.random() < _KIND_THERE:
+            for _ in range(max(1, round(_APART_PER_S * seconds))):
+                fault = _drawn_fault(random, name, possible_targets(spec, name), seconds)
+                yield fault
+                yield from _leads(random, spec, fault, of_two=of_two)
 
 
 def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
@@ -126,6 +141,13 @@ def _ending_mastership(random: Random, at_ms: int, *, of_two: bool) -> Fault:
     """Draw a fault that ends the mastership of the active manager."""
     kind, lasts_ms = random.choice([end for end in _END_OF_MASTERSHIP if of_two or KINDS[end[0]].drawn])
     return Fault(at_ms, kind, MANAGER, random.randint(*lasts_ms))
+
+
+def _leads(random: Random, spec: Spec, fault: Fault, *, of_two: bool, alone: bool = False) -> list[Fault]:
+    """Draw the faults that lead to the state for which `fault` waits; `alone`: only faults of managers."""
+    if fault.during == "orphaned":
+        return [_ending_mastership(random, fault.at_ms, of_two=of_two)]
+    return [] if fault.during in ("", "idle") or alone else _leading_there(random, spec, fault)
 
 
 def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:

@@ -61,6 +61,9 @@ What is promised, what is not, and why:
   promised as long as every two nodes have a channel in common.
 - `blank`: the managers bring tables in such a flight. The node counts as down until it has taken its table, and then
   as a PE that has returned.
+- `other_code`: a PE has another version of a module's code than the other PEs. The module starts there as anywhere, but
+  not from a state that the present version has saved, and no other PE takes a state of the other version. So only specs
+  with a `checkpoint` have targets for it, and it is drawn apart from the other kinds, whose faults stay the same.
 - `stuck`: a PE's modules hang while its heartbeat goes on, so its functions are not served. The PE ends the modules and
   starts them again, and gives them up if the fault lasts.
 """
@@ -69,6 +72,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from heronry_dg.checkpoints import kept_modules
 from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, places
 from heronry_tools.console.errors import UserError
@@ -95,8 +99,8 @@ class Kind:
 
     target_kind: (
         str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager,
-        # element (that the operator may declare failed), latched, phase, place (a module on one PE). Where a module or
-        # an element is the target, a place may be named, too
+        # element (that the operator may declare failed), latched, phase, place (a module on one PE), kept_place (the
+        # same, of a module with a checkpoint). Where a module or an element is the target, a place may be named, too
     )
     lasts_ms: tuple[int, int]
     description: str
@@ -107,6 +111,7 @@ class Kind:
     lasting: bool = False  # the waiver goes on until the end of the flight
     promised_with_key: bool = False  # in a flight with a key no rule is waived
     drawn: bool = True  # drawn where the user names no kinds; one more such kind changes the faults of every seed
+    drawn_apart: bool = False  # drawn in half of the flights, with chances of its own
     of_two: bool = False  # drawn only where there are two managers
     of_keyed: bool = False  # drawn in every flight with a key, and more often than others
     needs_key: bool = False  # managers and PEs must have a key
@@ -272,6 +277,12 @@ KINDS: Mapping[str, Kind] = {
     ),
     "overrun": Kind("module", (50, 1000), "every step of a module takes 30 ms"),
     "missing": Kind("place", (0, 0), "the code of a module is missing on a PE", for_good=1.0, drawn=False),
+    "other_code": Kind(
+        "kept_place",
+        (500, 10_000),
+        "a PE has another version of a module's code, and the module runs it from its next start there on",
+        drawn_apart=True,
+    ),
     "dead": Kind("device", (0, 0), "a sensor does not answer", for_good=1.0),
     "bias": Kind("device", (0, 0), "a sensor is wrong by 40 of its units", for_good=1.0, excuses=True),
     "order_fail": Kind(
@@ -404,6 +415,9 @@ def possible_targets(spec: Spec, kind: str) -> list[str]:
         "element": {"pe": pes, "device": list(spec.devices), "module": modules, "bus": far_buses},
         "phase": {"phase": list(spec.phases)},
         "place": {"module": [place.removeprefix("module:") for place in _places(spec)]},
+        "kept_place": {
+            "module": [place.removeprefix("module:") for one in kept_modules(spec) for place in places(spec, one)]
+        },
     }
     target_kind = KINDS[kind].target_kind
     if target_kind not in names:

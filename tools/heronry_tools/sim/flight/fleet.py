@@ -61,6 +61,7 @@ class Fleet:
         self._stale: set[str] = set()  # PEs with the table of another spec
         self._blank: set[str] = set()  # PEs that start without a table
         self._lacking: dict[str, set[str]] = {pe: set() for pe in tables}  # modules whose code is missing
+        self._other_code: dict[str, set[str]] = {pe: set() for pe in tables}  # images in another version
         self._incarnations = dict.fromkeys(tables, 0)
         self._code_disks = {pe: CodeDisk() for pe in tables} if has_loaders else {}
         for pe in tables:
@@ -131,6 +132,7 @@ class Fleet:
             broke=lambda module: self._truth.broke(module, pe),
             witness=self._checks.copied,
             lacks=frozenset(self._lacking[pe]),
+            other_code=self._other_code[pe],
             loader=partial(self._loader, pe) if pe in self._code_disks else None,
         )
 
@@ -165,6 +167,17 @@ class Fleet:
         self._truth.lacks(module, pe)
         if pe in self.running:
             self.running[pe].lack(module)
+
+    def change_code(self, pe: str, module: str) -> None:
+        """Put another version of a module's code on a PE: the module runs it there from its next start on."""
+        self._other_code[pe].add(self._image(pe, module))
+
+    def put_back_code(self, pe: str, module: str) -> None:
+        """Put the present version of a module's code back on a PE: the module runs it from its next start on."""
+        self._other_code[pe].discard(self._image(pe, module))
+
+    def _image(self, pe: str, module: str) -> str:
+        return next(entry.image for entry in self.tables[pe].modules if entry.name == module)
 
     def waits_for_code(self) -> list[str]:
         """Return the PEs that run, lack code, and have a loader by which it may come."""

@@ -5,8 +5,12 @@ The host executes the actions of the core, and gives the core each answer as an 
 processes. Here no module is protected from another, and a step takes no time. `module_steps` models modules that hang
 or are slow because of a fault.
 
-All images of the table are loaded when the host is created; `missing_images` are those that cannot be loaded.
+All images of the table are loaded when the host is created; `missing_images` are those that cannot be loaded. A module
+of which the PE has other code (`other_code`) runs that code from its next start on, as on a node whose files have been
+replaced.
 """
+
+from collections.abc import Collection
 
 from heronry_agent.core.vocabulary import (
     Action,
@@ -27,18 +31,23 @@ from heronry_agent.module import Module
 from heronry_agent.shell.devices import Devices
 from heronry_agent.shell.module_runner import ModuleRunner
 from heronry_agent.shell.start_orders import orders_of
+from heronry_tools.sim.world.other_code import find_version, other_version
 from heronry_wire.pe_table import PeTable
 
 
 class ModuleHost:
     """The loaded modules of one PE."""
 
-    def __init__(self, table: PeTable, devices: Devices) -> None:
-        """Load the images of a table; `devices` are the devices of its modules."""
-        self._devices = devices
+    def __init__(self, table: PeTable, devices: Devices, other_code: Collection[str] = ()) -> None:
+        """Load the images of a table.
+
+        devices: the devices of its modules
+        other_code: images of which the PE has another version now; may change later
+        """
+        self._devices, self._other_code = devices, other_code
         self._partitions = {module.index: module.partition for module in table.modules}
         self._now_ns = 0
-        self._runner = ModuleRunner(lambda: self._now_ns)
+        self._runner = ModuleRunner(lambda: self._now_ns, find=find_version)
         failures = ((image, self._runner.load(image)) for image in sorted({entry.image for entry in table.modules}))
         self.missing_images = {image: failure.reason for image, failure in failures if failure is not None}
 
@@ -49,7 +58,10 @@ class ModuleHost:
             case StepModule():
                 return self._step(action, now_ns)
             case StartModule():
-                outcome = self._runner.start(action.module, orders_of(action), now_ns, action.kept)
+                orders = orders_of(action)
+                if orders.image in self._other_code:
+                    orders = orders._replace(image=other_version(orders.image))
+                outcome = self._runner.start(action.module, orders, now_ns, action.kept)
                 return StartFailed(action.module, *outcome) if isinstance(outcome, Failure) else outcome
             case SaveState():
                 return self._runner.save(action.module, action.round, action.most_bytes)

@@ -8,7 +8,7 @@ The core's invariants are checked after every call that did more than send a fra
 device, and at every sixteenth deadline.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 
 from heronry_agent.core.agent import AgentCore
@@ -33,7 +33,6 @@ from heronry_agent.core.vocabulary import (
     WriteProgram,
 )
 from heronry_agent.module import Module
-from heronry_agent.shell.code_digest import code_digest
 from heronry_agent.shell.devices import Devices
 from heronry_dg.echo_rates import MOST_ECHOES_PER_S
 from heronry_tools.aircraft.plant import PlantOfDevices
@@ -43,6 +42,7 @@ from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.module_host import ModuleHost
 from heronry_tools.sim.world.module_steps import ModuleSteps
 from heronry_tools.sim.world.node import VALIDATED_EVERY, Node
+from heronry_tools.sim.world.other_code import version_of
 from heronry_tools.sim.world.pe_outbox import PeOutbox
 from heronry_tools.sim.world.plant_view import PlantView
 from heronry_tools.sim.world.replicated_port import Copy
@@ -80,6 +80,7 @@ class SimulatedPe(Node):
         broke: Callable[[str], None],
         witness: Callable[[Copy], None],
         lacks: frozenset[str] = frozenset(),
+        other_code: Collection[str] = (),
         loader: Callable[[Callable[[ModuleEvent], None]], SimulatedLoader] | None = None,
     ) -> None:
         """Join the buses of the PE's table, and start the PE.
@@ -95,13 +96,15 @@ class SimulatedPe(Node):
         broke: is called with the name of a module that has raised an error or given a value outside its type's range
         witness: is called with every copy of a frame on a replicated bus
         lacks: modules whose code is missing on this PE
+        other_code: images of which this PE has another version now; may change later
         loader: makes the loader of this PE from the function to which it gives its answers; None: it has none
         """
         super().__init__(clock, time)
         self.name = table.name
         self._move, self._state = move, state
         devices = {module.device for module in table.modules if module.device is not None}
-        self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
+        plant = Devices(table, dict.fromkeys(devices, PlantView(world, clock)))
+        self._host = ModuleHost(table, plant, other_code)
         self._images = {module.name: module.image for module in table.modules}
         self._loader = None if loader is None else loader(self.give)
         has_code = self._loader is not None and self._loader.program.version > 0
@@ -269,13 +272,14 @@ class SimulatedPe(Node):
         """Report a state that was saved or restored; `action` is the order that `answer` answers."""
         now_ns, module = self._clock.now_ns, self.steps.names[answer.module]
         code = self._host.code(answer.module)
-        digest = b"" if code is None else code_digest(type(code))
+        version = "" if code is None else version_of(code)
         if isinstance(answer, StateSaved) and answer.data:
-            self._state(StateSeen(now_ns, self.name, module, True, answer.data, digest, answer.round))
+            self._state(StateSeen(now_ns, self.name, module, True, answer.data, version, answer.round))
         elif isinstance(answer, StateRestored) and isinstance(action, StartModule):
             assert isinstance(action.kept, KeptState)
             state = action.kept.state
-            self._state(StateSeen(now_ns, self.name, module, False, state.data, digest, state.round))
+            seen = StateSeen(now_ns, self.name, module, False, state.data, version, state.round, answer.age_ns)
+            self._state(seen)
 
     def _do(self, action: Action) -> ModuleEvent | None:
         if type(action) is StepModule:

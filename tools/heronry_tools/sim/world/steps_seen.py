@@ -37,7 +37,8 @@ class Withheld(NamedTuple):
 class StateSeen(NamedTuple):
     """A module has saved its state (`is_saved`), or has started from a state.
 
-    data: the bytes of the state. code: digest of the module's code on this PE. round: in which it was saved.
+    data: the bytes of the state. code: version of the module's code on this PE, as the simulator knows it. round: in
+    which it was saved. age_ns: age of the state from which the module starts, as the module is told.
     """
 
     t_ns: int
@@ -45,8 +46,9 @@ class StateSeen(NamedTuple):
     module: str
     is_saved: bool
     data: bytes
-    code: bytes
+    code: str
     round: int
+    age_ns: int = 0
 
 
 class Driven(NamedTuple):

@@ -14,7 +14,7 @@ from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Use, classify, state_id
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
-_DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
+_DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA, Use.CHECKPOINT))
 _COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))
 _CORRUPT_SHARE = 0.2
 _FORGE_SHARE = 0.02

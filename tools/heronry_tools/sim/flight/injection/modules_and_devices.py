@@ -1,4 +1,4 @@
-"""Faults of modules and devices: they fail, overrun, or give a wrong value or none."""
+"""Faults of modules and devices: they fail, overrun, have other code, or give a wrong value or none."""
 
 from random import Random
 
@@ -39,6 +39,12 @@ def _missing(simulation: Simulation, fault: Fault, _: Random) -> End:
     return nothing
 
 
+def _other_code(simulation: Simulation, fault: Fault, _: Random) -> End:
+    module, _at, pe = fault.name.partition("@")
+    simulation.fleet.change_code(pe, module)
+    return lambda: simulation.fleet.put_back_code(pe, module)
+
+
 def _dead(simulation: Simulation, fault: Fault, _: Random) -> End:
     simulation.fail_device(fault.name, "dead")
     return nothing
@@ -56,6 +62,7 @@ ON_MODULES_AND_DEVICES: dict[str, Inject] = {
     "overrun": _module,
     "silent": _silent,
     "missing": _missing,
+    "other_code": _other_code,
     "dead": _dead,
     "bias": _bias,
 }
