@@ -13,12 +13,11 @@ from textual.widgets import Input, OptionList, TextArea
 from heronry_dg.loader import load
 from heronry_manager.core.vocabulary import Reply
 from heronry_manager.events import Place, Status
-from heronry_manager.shell.control_protocol import FlyScript
+from heronry_manager.shell.control_protocol import ORDER_NAMES, FlyScript
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.script_orders import ScriptSaid
 from heronry_tools.watch.live_feeds import FollowedManager
 from heronry_tools.watch.offered_orders import ORDERS
-from heronry_tools.watch.orders import OF_A_MANAGER
 from heronry_tools.watch.snapshot import Script as ScriptShown
 from heronry_tools.watch.top.app import Reading, TopApp
 from heronry_tools.watch.top.order_pages import Choice, Number, Question, Script
@@ -210,7 +209,7 @@ def test_a_priority_is_asked_for_and_a_phase_entered(tmp_path) -> None:
 
 def test_every_kind_is_an_order_of_the_socket_and_a_manager_that_has_gone_is_named(tmp_path) -> None:
     operator = Operator(big_blue().spec, tmp_path / "none.sock")
-    for kind in OF_A_MANAGER:
+    for kind in ORDER_NAMES:
         assert "no manager listens" in operator.give(Order(kind, "pe:nav", 5 if kind == "priority" else None))
 
 

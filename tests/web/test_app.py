@@ -19,7 +19,7 @@ from heronry_manager.core.vocabulary import (
     UnlockPe,
 )
 from heronry_manager.events.reading import events_in
-from heronry_manager.shell.control_protocol import Answer, FlyScript
+from heronry_manager.shell.control_protocol import ORDER_NAMES, Answer, FlyScript
 from heronry_tools.watch import orders
 from heronry_tools.watch.orders import Orders
 from heronry_tools.watch.reducer import Reducer
@@ -162,7 +162,7 @@ def test_an_order_to_a_manager_that_is_not_there_is_answered(tmp_path):
         assert not answer["done"]
         assert "no manager listens" in answer["sentence"]
         unknown = asking.post("/api/order", json={"do": "land", "what": "pe:nav"}, headers=ORDER).json()
-        assert "phase, fail, clear, retire, restore, priority, unlock, script, release" in unknown["sentence"]
+        assert ", ".join(ORDER_NAMES) in unknown["sentence"]
         for body in ("[1]", "{", "null"):
             head = {**ORDER, "content-type": "application/json"}
             assert not asking.post("/api/order", content=body, headers=head).json()["done"]

@@ -59,7 +59,7 @@ OfElement = FailElement | ClearElement | RetireElement | RestoreElement | Unlock
 Spoken = EnterPhase | SetPriority | OfElement | FlyScript | ReleaseTarget | Question
 """The orders and questions that a request can hold: those of the core, except that a script is text (`FlyScript`)."""
 
-_WITH_WHAT: Mapping[str, type[EnterPhase | OfElement | FlyScript | AskTraceback]] = {
+WITH_WHAT: Mapping[str, type[EnterPhase | OfElement | FlyScript | AskTraceback]] = {
     "phase": EnterPhase,
     "fail": FailElement,
     "clear": ClearElement,
@@ -69,9 +69,12 @@ _WITH_WHAT: Mapping[str, type[EnterPhase | OfElement | FlyScript | AskTraceback]
     "traceback": AskTraceback,
     "script": FlyScript,
 }
+"""The orders and questions that have one argument, by the name that a request and a command have for each."""
 
+ORDER_NAMES = (*(name for name in WITH_WHAT if name != "traceback"), "priority", "release")
+"""The names of all orders; the other requests are questions."""
 
-_CALLED: Mapping[type, str] = {kind: name for name, kind in _WITH_WHAT.items()}
+_CALLED: Mapping[type, str] = {kind: name for name, kind in WITH_WHAT.items()}
 _BARE: Mapping[type, str] = {AskStatus: "status", ReleaseTarget: "release", Follow: "follow"}
 
 
@@ -90,14 +93,12 @@ def order_line(order: Spoken | Follow) -> bytes:
     match order:
         case AskStatus() | ReleaseTarget() | Follow():
             return _line({"v": VERSION, "do": _BARE[type(order)]})
-        case EnterPhase(phase):
-            return _line({"v": VERSION, "do": "phase", "what": phase})
         case SetPriority(function, priority):
             return _line({"v": VERSION, "do": "priority", "what": function, "to": priority})
-        case FailElement() | ClearElement() | RetireElement() | RestoreElement() | UnlockPe() | AskTraceback():
+        case EnterPhase(what) | FlyScript(what):
+            return _line({"v": VERSION, "do": _CALLED[type(order)], "what": what})
+        case _:
             return _line({"v": VERSION, "do": _CALLED[type(order)], "what": order.element})
-        case FlyScript(text):
-            return _line({"v": VERSION, "do": "script", "what": text})
 
 
 def read_order(line: bytes) -> Spoken | Follow | str:
@@ -113,8 +114,8 @@ def read_order(line: bytes) -> Spoken | Follow | str:
             return ReleaseTarget()
         case {"v": _, "do": "follow"}:
             return Follow()
-        case {"v": _, "do": str(do), "what": str(what)} if do in _WITH_WHAT:
-            return _WITH_WHAT[do](what)
+        case {"v": _, "do": str(do), "what": str(what)} if do in WITH_WHAT:
+            return WITH_WHAT[do](what)
         case _:
             return 'this is no order; write for example {"v": 1, "do": "status"}'
 

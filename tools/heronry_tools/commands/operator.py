@@ -3,19 +3,9 @@
 import argparse
 import json
 
-from heronry_manager.core.vocabulary import (
-    AskStatus,
-    AskTraceback,
-    ClearElement,
-    EnterPhase,
-    FailElement,
-    RestoreElement,
-    RetireElement,
-    SetPriority,
-    UnlockPe,
-)
+from heronry_manager.core.vocabulary import AskStatus, SetPriority
 from heronry_manager.shell.control_client import call
-from heronry_manager.shell.control_protocol import OfElement, Spoken
+from heronry_manager.shell.control_protocol import WITH_WHAT, Spoken
 from heronry_tools.console.manager_calls import manager_socket, say_answer
 from heronry_tools.console.progress import Working
 from heronry_tools.reports.status import report
@@ -30,19 +20,10 @@ def run(arguments: argparse.Namespace) -> int:
             status = call(path, AskStatus()).status or {}
         print(json.dumps(status, indent=2) if arguments.json else "\n".join(report(status)))
         return 1 if arguments.exit_code and any(troubles(status)) else 0
-    orders: dict[str, type[EnterPhase | OfElement | AskTraceback]] = {
-        "phase": EnterPhase,
-        "fail": FailElement,
-        "clear": ClearElement,
-        "retire": RetireElement,
-        "restore": RestoreElement,
-        "unlock": UnlockPe,
-        "traceback": AskTraceback,
-    }
     if arguments.order == "priority":
         order: Spoken = SetPriority(arguments.what, None if arguments.to == "default" else arguments.to)
     else:
-        order = orders[arguments.order](arguments.what)
+        order = WITH_WHAT[arguments.order](arguments.what)
     with Working("asking the manager"):  # a traceback comes over the bus
         answer = call(path, order)
     return say_answer(arguments, answer)

@@ -14,15 +14,12 @@ killed and started by the demo whose manager that is (`process_orders`). Example
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_place import ControlError, standby_of
-from heronry_manager.shell.control_protocol import VERSION, Answer, Follow, Spoken, read_order
+from heronry_manager.shell.control_protocol import ORDER_NAMES, VERSION, Answer, Follow, Spoken, read_order
 from heronry_tools.runtime.demo.process_orders import ORDERS as OF_A_DEMO
 from heronry_tools.runtime.demo.process_orders import order_demo, takes_orders
-
-OF_A_MANAGER: Final = ("phase", "fail", "clear", "retire", "restore", "priority", "unlock", "script", "release")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +35,14 @@ class Orders:
         """List the kinds of orders that can be given; a demo that has not begun yet gives none."""
         if self.manager is None:
             return []
-        return [*OF_A_MANAGER, *(OF_A_DEMO if takes_orders(self.manager) else ())]
+        return [*ORDER_NAMES, *(OF_A_DEMO if takes_orders(self.manager) else ())]
 
     def give(self, order: object) -> Answer:
         """Give an order; returns the answer, which may be a refusal. It may take seconds."""
         match order:
             case {"do": str(do), "what": str(what)} if do in OF_A_DEMO and self.manager is not None:
                 return order_demo(self.manager, do, what)
-            case {"do": str(do), **fields} if do in OF_A_MANAGER and self.manager is not None:
+            case {"do": str(do), **fields} if do in ORDER_NAMES and self.manager is not None:
                 understood = read_order(json.dumps({**fields, "do": do, "v": VERSION}).encode())
                 if not isinstance(understood, str | Follow):
                     return _called(self.manager, understood)
