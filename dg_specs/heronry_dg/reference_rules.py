@@ -15,7 +15,19 @@ from heronry_dg import yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
 from heronry_dg.field_types import DEFAULT_PHASE
 from heronry_dg.findings import Findings, Place, listed, shown
-from heronry_dg.model import LAST_11_BIT_ID, LAST_29_BIT_ID, Bus, Foreign, Function, Mode, Module, Phase, Variable, When
+from heronry_dg.model import (
+    LAST_11_BIT_ID,
+    LAST_29_BIT_ID,
+    THRESHOLDS,
+    Bus,
+    Foreign,
+    Function,
+    Mode,
+    Module,
+    Phase,
+    Variable,
+    When,
+)
 from heronry_dg.rules import graph
 from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType, Datum, encode_data
@@ -299,10 +311,11 @@ class _ReferenceRules:
             sentence = f"'{when.variable}' is no single number, but of type {shown(variable.form.type)}"
             place = _value_place(phase, "when", "variable")
             self._findings.add(graph.NOT_A_NUMBER_TO_WATCH, place, sentence, "watch a number")
-        if (when.above is None) == (when.below is None):
-            sentence = f"'when' of phase '{phase.name}' must have exactly one of 'above' and 'below'"
+        if len(when.thresholds()) != 1:
+            one_of = listed([f"'{name}'" for name in THRESHOLDS])
+            sentence = f"'when' of phase '{phase.name}' must have exactly one of {one_of}"
             place = yaml_source.key_place(phase.node, "when")
-            self._findings.add(rules.ONE_THRESHOLD, place, sentence, "write either 'above' or 'below'")
+            self._findings.add(rules.ONE_THRESHOLD, place, sentence, f"write one of {one_of}")
 
     def _names(
         self, element: Element[object], field: str, names: Iterable[str], kind: str, known: Collection[str]

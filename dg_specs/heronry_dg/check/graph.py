@@ -14,7 +14,6 @@ adds the findings of the rule, and call this function in `check`.
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from itertools import pairwise
 from typing import TypeVar
 
@@ -215,12 +214,10 @@ def _circle(rules_of: Mapping[str, When]) -> list[str]:
 
     rules_of: the rules that watch one variable, by the phase to which they lead.
     """
-    thresholds = sorted(
-        {limit for when in rules_of.values() for limit in (when.above, when.below) if limit is not None}
-    )
+    thresholds = sorted({limit for when in rules_of.values() for limit in when.thresholds().values()})
     ends = [thresholds[0] - 1, thresholds[-1] + 1]
     for value in [*ends, *((low + high) / 2 for low, high in pairwise(thresholds))]:
-        holding = {phase: when for phase, when in rules_of.items() if _holds(when, value)}
+        holding = {phase: when for phase, when in rules_of.items() if when.holds(value)}
         leads_on = {
             phase: [other for other, when in holding.items() if phase in when.origins and phase != other]
             for phase in holding
@@ -231,16 +228,12 @@ def _circle(rules_of: Mapping[str, When]) -> list[str]:
     return []
 
 
-def _holds(when: When, value: Fraction) -> bool:
-    return (when.above is not None and value > when.above) or (when.below is not None and value < when.below)
-
-
 def _why_it_never_fires(spec: Spec, wiring: _Wiring, phase: str, rule: When) -> tuple[str, str] | None:
     origins = [origin for origin in rule.origins if origin != phase]
     if not origins:
         return "it leads here from no other phase", "write from: [...] with the phases in which it is to be checked"
     least, most = value_range(DataType[spec.variables[rule.variable].type])
-    if (rule.above is not None and rule.above >= most) or (rule.below is not None and rule.below <= least):
+    if not (rule.holds(least) or rule.holds(most)):
         return f"'{rule.variable}' is never beyond its threshold", f"'{rule.variable}' is {least:g} to {most:g}"
     givers = {name for names in wiring.givers[rule.variable].values() for name in names}
     wanted = (

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from heronry_dg.field_types import DEFAULT_PHASE, MOST_POINTS, NAME_PATTERN
-from heronry_dg.model import Demux
+from heronry_dg.model import THRESHOLDS, Demux
 from heronry_dg.schema import form_of, spec_form
 
 _DRAFT: Final = "http://json-schema.org/draft-07/schema#"
@@ -116,7 +116,7 @@ def spec_schema() -> dict[str, Any]:
     _complete_sections(schema["properties"])
     definitions["DemuxForm"] = form_of(Demux).model_json_schema(by_alias=True)
     _complete(definitions["DemuxForm"])
-    definitions["WhenForm"]["oneOf"] = [_number_given("above"), _number_given("below")]
+    definitions["WhenForm"]["oneOf"] = [_number_given(name) for name in THRESHOLDS]
     definitions["ModuleOfOneModeForm"]["properties"]["modes"] = dict(_NO_MODES)
     return {"$schema": _DRAFT, "title": "Dependency graph of heronry (dg: 1)", **schema, "definitions": definitions}
 

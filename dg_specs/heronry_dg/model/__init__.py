@@ -23,13 +23,14 @@ The elements also declare the keys of a spec: a field with a `Key` is a key of t
 
 from heronry_dg.model.fallible import Fallible
 from heronry_dg.model.hardware import LAST_11_BIT_ID, LAST_29_BIT_ID, Bus, Device, Foreign, Manager, Pe, Plant
-from heronry_dg.model.mission import CommonCause, Contingency, Phase, When
+from heronry_dg.model.mission import THRESHOLDS, CommonCause, Contingency, Phase, When
 from heronry_dg.model.software import Checkpoint, Demux, Function, Mode, Module, Variable
 from heronry_dg.model.spec import Header, Spec
 
 __all__ = [
     "LAST_11_BIT_ID",
     "LAST_29_BIT_ID",
+    "THRESHOLDS",
     "Bus",
     "Checkpoint",
     "CommonCause",

@@ -1,10 +1,14 @@
 """What the mission asks: phases, the rules by which they begin, the faults to plan ahead for, and common causes."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from fractions import Fraction
+from typing import Annotated, Final
 
 from heronry_dg.field_types import Names, Part, Span, Threshold
 from heronry_dg.keys import Bounds, Key
+
+THRESHOLDS: Final = ("above", "below")
+"""The keys of a `When` of which each rule has exactly one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +34,15 @@ class When:
             resolved=(),
         ),
     ]
+
+    def thresholds(self) -> dict[str, Fraction]:
+        """Return the thresholds that the rule has, by key; in a spec that is legal, one."""
+        given = {name: getattr(self, name) for name in THRESHOLDS}
+        return {name: limit for name, limit in given.items() if limit is not None}
+
+    def holds(self, value: Fraction | float) -> bool:
+        """Tell whether the rule's condition holds at a value of its variable; so does the agent (`phase_requests`)."""
+        return (self.above is not None and value > self.above) or (self.below is not None and value < self.below)
 
 
 @dataclass(frozen=True, slots=True)

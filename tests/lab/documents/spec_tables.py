@@ -26,7 +26,9 @@ _KINDS: Final[Mapping[str, tuple[str, type]]] = {
     "plants": ("one entry per part of the physical world; plans do not depend on them", model.Plant),
     "contingency": ("what must be planned ahead", model.Contingency),
 }
-_CONDITIONS: Final[Mapping[type, str]] = {model.When: "exactly one of `above` and `below`"}
+_CONDITIONS: Final[Mapping[type, str]] = {
+    model.When: f"exactly one of {' and '.join(f'`{name}`' for name in model.THRESHOLDS)}"
+}
 _MODES: Final = [
     "`modes`",
     "a single mode, `only`",

@@ -304,9 +304,9 @@ def _phase_entry(phase: Phase, order: list[str]) -> PhaseEntry:
     when = phase.when
     if when is None:
         return PhaseEntry(phase.name)
-    above, below = (None if limit is None else float(limit) for limit in (when.above, when.below))
+    thresholds = {name: float(limit) for name, limit in when.thresholds().items()}
     origins = tuple(order.index(origin) for origin in when.origins)
-    return PhaseEntry(phase.name, when.variable, above, below, when.hold_ns, origins)
+    return PhaseEntry(phase.name, when.variable, hold_ns=when.hold_ns, origins=origins, **thresholds)
 
 
 def _flight_critical(spec: Spec) -> Iterator[str]:
