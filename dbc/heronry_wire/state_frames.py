@@ -5,9 +5,10 @@
     page 2   with a key: the nonce with which a PE requests a new session
     page 3   with a key: the digest of the running configuration, and the number of refused commands
 
-Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags. To add
-a flag, add a member to `PeFlags`, and give it the highest bit of the field `state`, which no state uses yet. To add a
-field to a page, add a `Field` to the page's layout and a field to its dataclass, in the same order.
+Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags.
+No flag is free. The highest bit of the field `state` is, but an older node takes a frame with that bit for malformed,
+and loses the PE: so a fact that a PE tells is rather a code of EMCY or a CANopen object (docs/protocol/growth.md). To
+add a field to a page, add a `Field` to the page's layout and a field to its dataclass, in the same order.
 
 With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state`
 takes a digest or tag out, and `joined_state` puts a tag in. Some functions below give a single field, and are faster
@@ -75,6 +76,7 @@ STATE_2 = Layout("STATE_2", *_HEAD.fields, Field("nonce", 56))
 STATE_3 = Layout("STATE_3", *_HEAD.fields, Field("runs_digest", 24), Field("unproven", 16), Field("other", 16))
 
 STATE_BYTES = STATE_0.length
+IN_EVERY_PAGE = frozenset(field.name for field in _HEAD.fields)
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,8 +114,8 @@ def room() -> str:
     first, last = f"{_OWN_OBJECTS[0]:X}h", f"{_OWN_OBJECTS[-1]:X}h"
     codes = sum(fault >= _OWN_CODES[0] for fault in management.FaultCode)
     places = [
-        ("pages of a state frame", len(_PAGES), 1 << state_frames.STATE_0.fields[0].bits),
-        ("flags in a state frame", len(state_frames.PeFlags), state_frames.STATE_0.fields[2].bits),
+        ("pages of a state frame", len(_PAGES), 1 << _bits(state_frames.STATE_0, "page")),
+        ("flags in a state frame", len(state_frames.PeFlags), _bits(state_frames.STATE_0, "flags")),
         ("kinds of TAG", *_labelled(management.TAG, "kind")),
         ("values of `state`", *_labelled(state_frames.STATE_0, "state")),
         ("values of `step`", *_labelled(management.LEASE, "step")),
@@ -145,8 +145,13 @@ def room() -> str:
 
 def _labelled(layout: Layout, name: str) -> tuple[int, int]:
     """Return how many values of a field have a meaning, and how many the field can hold."""
-    (field,) = (field for field in layout.fields if field.name == name)
-    return len(field.labels or {}), 1 << field.bits
+    (labels,) = (field.labels for field in layout.fields if field.name == name)
+    return len(labels or {}), 1 << _bits(layout, name)
+
+
+def _bits(layout: Layout, name: str) -> int:
+    (bits,) = (field.bits for field in layout.fields if field.name == name)
+    return bits
 
 
 def _every_layout() -> list[Layout]:

@@ -55,7 +55,7 @@ from heronry_wire.management import (
     TAG,
     ElementKind,
 )
-from heronry_wire.state_frames import STATE_0, STATE_1, STATE_2, STATE_3
+from heronry_wire.state_frames import IN_EVERY_PAGE, STATE_0, STATE_1, STATE_2, STATE_3
 
 _TYPE_NAMES = {data_type.value: data_type.name for data_type in DataType}
 _MOST_OF_A_RANGE = 256  # messages for one range of foreign identifiers
@@ -169,7 +169,7 @@ _CANOPEN = {0x00: "BOOT_UP", 0x04: "STOPPED", 0x05: "OPERATIONAL", 0x7F: "PRE_OP
 def _state() -> Iterator[Signal]:
     for page, layout in enumerate((STATE_0, STATE_1, STATE_2, STATE_3)):
         for signal in _signals(layout):
-            if signal.name in ("page", "state", "flags"):
+            if signal.name in IN_EVERY_PAGE:
                 signal.is_multiplexer = signal.name == "page"
                 if page == 0:
                     yield signal
