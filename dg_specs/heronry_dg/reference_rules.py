@@ -312,10 +312,10 @@ class _ReferenceRules:
             place = _value_place(phase, "when", "variable")
             self._findings.add(graph.NOT_A_NUMBER_TO_WATCH, place, sentence, "watch a number")
         if len(when.thresholds()) != 1:
-            one_of = listed([f"'{name}'" for name in THRESHOLDS])
-            sentence = f"'when' of phase '{phase.name}' must have exactly one of {one_of}"
+            names = [f"'{name}'" for name in THRESHOLDS]
+            sentence = f"'when' of phase '{phase.name}' must have exactly one of {listed(names)}"
             place = yaml_source.key_place(phase.node, "when")
-            self._findings.add(rules.ONE_THRESHOLD, place, sentence, f"write one of {one_of}")
+            self._findings.add(rules.ONE_THRESHOLD, place, sentence, f"write {listed(names, 'or')}")
 
     def _names(
         self, element: Element[object], field: str, names: Iterable[str], kind: str, known: Collection[str]
