@@ -83,10 +83,32 @@ def test_a_servo_on_another_pe_ends_a_single_point_of_failure(
             "bus:can0"
         ),
         "",
+        "changed in flight: 11 of 11 modules go on untouched",
+        "",
         "check no longer says:",
         "  DG401 warning, line 8: the loss of pe 'tail_pe' alone costs 'elevator' (A)",
         "  DG410 warning, line 28: all branches of DEMUX 'elevator_out' are lost with pe 'tail_pe'",
     ]
+
+
+def test_what_a_change_would_do_in_flight(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    new = changed(
+        tmp_path,
+        ("  angle_driver: {", "  angle_reader: {image: angle_driver, "),
+        ("gives: {servo_failure: 1}, cpu: 0.03", "gives: {servo_failure: 1}, cpu: 0.04"),
+    )
+    out = said(capsys, "elevator_and_chute", new)
+    assert "changed in flight: 8 of 12 modules go on untouched\n" in out
+    assert "  angle_reader starts on tail_pe\n  angle_driver stops on tail_pe\n" in out
+    assert "  state_estimator moves from tail_pe to control_pe\n" in out  # servo_monitor leaves it no room
+    assert "  servo_monitor changes (cpu)\n" in out
+    assert "  identifier 308 passes from angle_driver.elevator_angle to angle_reader.elevator_angle\n" in out
+    in_flight = json.loads(said(capsys, "elevator_and_chute", new, "--json"))["in_flight"]
+    assert [one["module"] for one in in_flight["modules"]["changed"]] == ["servo_monitor"]
+    assert in_flight["modules"]["stopped"][0]["before"] == {"pe": "tail_pe", "mode": "only"}
+    assert in_flight["hardware"] == {"joins": [], "leaves": [], "changes": []}
+    (passing,) = in_flight["identifiers"]
+    assert (passing["identifier"], passing["is_driven"]) == (308, True)
 
 
 def test_the_way_back_makes_it_one_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -7,8 +7,9 @@ from heronry_tools.console.output import JSON, add_output
 _EPILOG = """\
 The second line tells whether the digest changes, and what follows from that. A function depends on an element (its
 single point of failure) if the loss of that element alone loses the function. Critical functions, classes A to D, are
-examined in each phase that wants them. The output ends with the findings of 'heronry check' that only NEW has, and
-those that only OLD has.
+examined in each phase that wants them. 'changed in flight' tells which running modules would go on untouched, and
+which would stop, start, move or change, in the first phase of NEW with nothing down. The output ends with the
+findings of 'heronry check' that only NEW has, and those that only OLD has.
 
 OLD and NEW are each a *.dg.yaml, a shipped spec, REV:PATH in git (:PATH is what is staged), or - for standard input.
 

@@ -37,12 +37,14 @@ class PhaseConsequences:
     hangs_on: the single points of failure of each critical function that is served.
     bus_bits_per_s: the load of each bus.
     cpu_millis: the load of all PEs, in thousandths of a core.
+    running: the best configuration.
     """
 
     served: Mapping[str, str | None]  # by function
     hangs_on: Mapping[str, tuple[str, ...]]  # critical function that is served -> its single points of failure
     bus_bits_per_s: Mapping[str, int]
     cpu_millis: int
+    running: Configuration
 
 
 @dataclass(slots=True)
@@ -69,6 +71,7 @@ class Consequences:
             hangs_on=self._hangs_on(spec, healthy),
             bus_bits_per_s={name: bus.bits_per_s for name, bus in healthy.buses.items()},
             cpu_millis=healthy.objective.cpu_millis,
+            running=healthy.configuration,
         )
 
     def _plan(self, spec: Spec, now: Situation) -> Plan:

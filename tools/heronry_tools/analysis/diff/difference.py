@@ -1,5 +1,8 @@
 """The difference of two specs: their elements, the consequences phase by phase, and the findings of `heronry check`.
 
+What a change in flight would do to running modules is told of the phase in which the new spec begins: from the best
+plan of the old spec to the best plan of the new one, which keeps what runs where it can.
+
 A phase of the new spec is compared with the phase of the same name in the old spec. If the old spec has no phase of
 this name, the old spec's first phase is used. A phase that only the old spec has is not compared.
 """
@@ -9,7 +12,11 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from heronry_dg.model import Spec
-from heronry_tools.analysis.diff.consequences import Consequences
+from heronry_dg.objective import placement
+from heronry_dg.situation import Situation
+from heronry_dg.spec_change import SpecChange, spec_change
+from heronry_manager.planner.exact import plan
+from heronry_tools.analysis.diff.consequences import Consequences, PhaseConsequences
 from heronry_tools.analysis.diff.elements import ElementChange, element_changes
 from heronry_tools.analysis.diff.findings import FindingsChange
 
@@ -54,6 +61,7 @@ class Difference:
     elements: tuple[ElementChange, ...]
     phases: tuple[PhaseDifference, ...]
     findings: FindingsChange
+    in_flight: SpecChange | None  # None where no element differs
 
     def has_another_digest(self) -> bool:
         """Tell whether tables, contingencies and journals of the old spec are strangers to the new one."""
@@ -63,12 +71,23 @@ class Difference:
 def difference(old: Spec, new: Spec, findings: FindingsChange) -> Difference:
     """Compare two specs; `findings` are the differing findings of `heronry check`."""
     changes = element_changes(old, new)
-    return Difference(old, new, changes, tuple(_phases(old, new)) if changes else (), findings)
-
-
-def _phases(old: Spec, new: Spec) -> Iterator[PhaseDifference]:
+    if not changes:
+        return Difference(old, new, (), (), findings, None)
     consequences = Consequences()
     before, after = consequences.of(old), consequences.of(new)
+    return Difference(old, new, changes, tuple(_phases(old, before, after)), findings, _in_flight(old, new, before))
+
+
+def _in_flight(old: Spec, new: Spec, before: Mapping[str | None, PhaseConsequences]) -> SpecChange:
+    """Compare what runs of the old spec with the best plan of the new one in its first phase, nothing being down."""
+    now = Situation(phase=new.initial_phase())
+    running = before[now.phase if now.phase in before else old.initial_phase()].running
+    return spec_change(old, running, new, plan(new, now, placement(running)).configuration)
+
+
+def _phases(
+    old: Spec, before: Mapping[str | None, PhaseConsequences], after: Mapping[str | None, PhaseConsequences]
+) -> Iterator[PhaseDifference]:
     for phase, becomes in after.items():
         against = phase if phase in before else old.initial_phase()
         was = before[against]

@@ -14,6 +14,7 @@ from heronry_tools.analysis.check.registry import RULES
 from heronry_tools.analysis.diff.difference import Difference, Moved, PhaseDifference
 from heronry_tools.analysis.diff.elements import ElementChange, FieldChange
 from heronry_tools.analysis.diff.findings import FindingsChange
+from heronry_tools.analysis.diff.in_flight import in_flight_lines
 
 _SHOWN = 12  # digits of a digest
 _SIGNS = {"added": "+", "removed": "-", "changed": "~"}
@@ -33,6 +34,8 @@ def text_report(found: Difference) -> str:
         lines += _element_lines(element)
     for phase in found.phases:
         lines += ["", *_phase_lines(found, phase)]
+    if found.in_flight is not None:
+        lines += ["", *in_flight_lines(found.new, found.in_flight)]
     findings = list(_findings_lines(found.findings)) or [f"check: as before, {_counted(found.findings.stay)}"]
     return "\n".join([*lines, "", *findings]) + "\n"
 
@@ -152,6 +155,7 @@ def json_report(found: Difference) -> str:
             }
             for phase in found.phases
         ],
+        "in_flight": None if found.in_flight is None else found.in_flight.document(),
         "check": {
             "new": _findings_fields(found.findings.new),
             "gone": _findings_fields(found.findings.old),
