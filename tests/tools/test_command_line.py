@@ -44,6 +44,7 @@ FORMATS = (
     "metrics",
     "record",
     "log",
+    "combine",
 )  # what they write is for programs already
 WIRES = (
     "import",
@@ -283,6 +284,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "pcs": ["pcs", "check", "nosuch"],
     "softbus": ["softbus", "nosuch/can0.sock"],
     "diff": ["diff", "big_blue", "nosuch"],
+    "combine": ["combine", "eav", "nosuch", "--over", "radio"],
     "plan": ["plan", "nosuch"],
     "verify": ["verify", "nosuch", "plan.json"],
     "why": ["why", "nosuch", "elevator"],

@@ -128,6 +128,9 @@ RULES = [
     Rule(r"heronry check( big_blue| eav| --error .*)?", How.RUN, more="--fast"),  # make lint checks all completely
     Rule(r"heronry pcs (apply .* --live|release)", How.EXEMPT, "tests/live/test_live_script.py flies scripts"),
     Rule(r"heronry diff HEAD:dg_specs/big_blue.*", How.RUN, is_long=True),  # render.md has it with a smaller spec
+    Rule(
+        r"heronry (combine|diff) dg_specs/flights/.*", How.RUN, is_long=True
+    ),  # test_combine_command.py combines these
     Rule(r"heronry (plan|verify|table|dbc|eds|check|render|diff|pcs)\b.*", How.RUN),
     Rule(r"heronry key \w+\.key|heronry new glider", How.RUN),
     Rule(r"heronry module try (state_estimator|pitch_trim) .*", How.RUN),

@@ -43,6 +43,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("schema", "the JSON schema of specs and graphs, for editors", "rules"),
         Command("render", "draw the dependency graph"),
         Command("diff", "what a change of a spec changes, and what follows from it"),
+        Command("combine", "make one spec of two vehicles that share a radio"),
     ),
     "what if": (
         Command("plan", "the best configuration, whatever is down"),
