@@ -176,6 +176,17 @@ def test_phases_of_one_are_those_of_both(first: str, second: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("first", "second", "hours"),
+    [("mission_h: 2\n", "mission_h: 3\n", 3), ("mission_h: 2\n", "", 2), ("", "mission_h:\n", None)],
+)
+def test_the_longer_mission_and_the_greater_number_of_faults_count(first: str, second: str, hours: int | None) -> None:
+    both = spec_of(
+        HOME + first + "contingency: {faults: 2}\n", GUEST + second + "contingency: {faults: 1, phases: []}\n"
+    )
+    assert (both.mission_h, both.contingency.faults, both.contingency.phases) == (hours, 2, None)
+
+
+@pytest.mark.parametrize(
     ("first", "second", "choices", "sentence"),
     [
         (HOME, GUEST, Choices(("ether", "ether")), "home has no bus 'ether'"),

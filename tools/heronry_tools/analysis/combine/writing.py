@@ -164,7 +164,8 @@ def _section(section: str, first: Half, second: Half, joint: Joint) -> str:
         case "contingency":
             return _contingency(first.spec, second.spec)
         case "mission_h":
-            longest = max((first, second), key=lambda one: one.spec.mission_h or 0)
+            given = (one for one in (first, second) if section in one.document.sections())
+            longest = max(given, key=lambda one: one.spec.mission_h or 0)
             return f"mission_h: {longest.document.written(longest.document.sections()['mission_h'][1])}\n"
         case "phases":
             chunks = (first, second)[joint.phases_of].document.chunks("phases")
