@@ -244,9 +244,15 @@ class PeTable:
         vars(changed).update(identity=self.identity, compiled=self)
         return changed
 
+    @property
+    def compiled_form(self) -> "PeTable":
+        """The table as the manager has compiled it, with the partitions that it parts."""
+        compiled: PeTable = vars(self).get("compiled", self)
+        return compiled
+
     def to_json(self) -> str:
         """Return the table as text in one line, with the keys in a fixed order and the check sum at the end."""
-        return with_check_sum(_record(vars(self).get("compiled", self)))
+        return with_check_sum(_record(self.compiled_form))
 
     @classmethod
     def from_json(cls, text: str) -> Self:

@@ -10,7 +10,20 @@ from types import MappingProxyType
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authority import Secret
-from heronry_agent.core.vocabulary import Action, Drive, Driven, Event, StartModule, StepModule, Stepped, StopModule
+from heronry_agent.core.carried_over import read_beside
+from heronry_agent.core.vocabulary import (
+    Action,
+    Drive,
+    Driven,
+    Event,
+    PrepareTable,
+    StartModule,
+    StepModule,
+    Stepped,
+    StopModule,
+    SwitchTable,
+    TablePrepared,
+)
 from heronry_agent.module import Value
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.configuration_slice import ModuleSlice, Slice
@@ -38,6 +51,7 @@ from heronry_wire.pe_table import (
     PeTable,
     Port,
     SourceEntry,
+    TableError,
     VariableEntry,
 )
 from heronry_wire.protocol_version import PROTOCOL
@@ -175,6 +189,8 @@ class OnePe(SteppedCore[Event, Action]):
         self.running: dict[int, int] = {}
         self.seen: dict[int, dict[str, object]] = {}  # what each module saw last, by leaf
         self.steps: dict[int, list[int]] = {}
+        self.missing: dict[str, str] = {}  # images of a table that comes beside, whose code is not here
+        self.problem: str | None = None  # why this PE cannot fly by a table that comes beside
         self.spent_ns = 0  # time that each step spends
 
     def give(self, event: Event) -> list[Action]:
@@ -188,6 +204,11 @@ class OnePe(SteppedCore[Event, Action]):
                     self.running[module] = chosen
                 case StopModule(module):
                     self.running.pop(module, None)
+                case PrepareTable(text, number):
+                    actions += self.give(self.prepared(text, number))
+                case SwitchTable(_, modules):
+                    self.running = {modules[module]: mode for module, mode in self.running.items()}
+                    self.steps = {modules[module]: times for module, times in self.steps.items() if module in modules}
                 case Drive(module, value):
                     actions += self.give(Driven(module, value))
                 case StepModule(module, release, inputs):
@@ -195,6 +216,13 @@ class OnePe(SteppedCore[Event, Action]):
                     self.seen[module] = {path: datum.value for path, (_, datum) in inputs.items()}
                     actions += self.answer(module, release)
         return actions
+
+    def prepared(self, text: bytes, number: int) -> TablePrepared:
+        try:
+            table = read_beside(text, self.core.table, number)
+        except TableError as error:
+            return TablePrepared(None, problem=str(error))
+        return TablePrepared(table, self.missing, problem=self.problem)
 
     def answer(self, module: int, release: int) -> list[Action]:
         writes = (1.5,) if module == SERVO_1 else ()

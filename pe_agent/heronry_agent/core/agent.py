@@ -5,6 +5,7 @@ Each part of the agent has a file of its own, and decides one matter:
     inbound                                            which part takes a frame
     command_acceptance, followed_manager               which commands to accept
     staging                                            what to run next
+    table_change                                       another table, beside the one that flies
     active_configuration                               how the next configuration replaces the present one
     running_modules, checkpoints                       what runs, and with which state it starts
     output_authorization, exclusive_frames             whether exclusive outputs are authorized
@@ -42,6 +43,7 @@ from heronry_agent.core.forwarding import Gateway, Radios
 from heronry_agent.core.inbound import Inbound
 from heronry_agent.core.modules import RunningModules, WithoutManager
 from heronry_agent.core.reports import ChannelReports, Reporting
+from heronry_agent.core.table_change import TableBeside, TableSwitch
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import (
@@ -66,6 +68,7 @@ from heronry_agent.core.vocabulary import (
     StepFailed,
     StepMeasured,
     Stepped,
+    TablePrepared,
 )
 from heronry_wire.management import NO_EPOCH
 from heronry_wire.node_cost import NodeCost
@@ -106,12 +109,13 @@ class AgentCore:
         every_echo: whether the simulated plants of other PEs need an echo of every command; if not, outputs are echoed
             as often as the table says.
         cost: returns what this node costs its computer, or None while that is not known; clients read it by SDO.
-        takes_tables: whether the PE accepts another table over the bus while it runs nothing (`new_table`).
+        takes_tables: whether the PE accepts another table over the bus: while it runs nothing, in place of its own
+            (`new_table`), else beside it (`table_change`).
         program: what the loader of code says; None: this PE has no loader.
         slow_to_rest: modules whose StopModule the driver answers with AtRest.
         Raises TableError where the table contradicts itself.
         """
-        index = TableIndex(table)
+        index = self._index = TableIndex(table)
         uplink = table.ports[index.uplink]
         turn = Turn(now_ns, uplink.heartbeat_ns)
         gateway = Gateway(index)
@@ -144,6 +148,17 @@ class AgentCore:
                 saw_epoch=lambda epoch: output_authorization.saw_epoch(epoch, active_configuration.running.epoch),
             )
         self.authenticity = authenticity
+        beside = self._beside = TableBeside(turn, index, staging, active_configuration)
+        table_switch = TableSwitch(
+            turn,
+            index,
+            beside,
+            staging=staging,
+            active_configuration=active_configuration,
+            modules=modules,
+            gateway=gateway,
+            followed_manager=followed_manager,
+        )
         acceptance = CommandAcceptance(
             turn,
             index,
@@ -156,12 +171,18 @@ class AgentCore:
             exclusive_frames,
             without_manager,
             authenticity,
+            table_switch,
         )
+        beside.changed = acceptance.look_at_exclusive
         given = self._given = GivenTable(turn, index.node)
 
         def take_table(text: bytes) -> Abort | None:
-            is_wanted = takes_tables and active_configuration.running.epoch == NO_EPOCH
-            return given.take(text) if is_wanted else Abort.DEVICE_STATE
+            if not takes_tables:
+                return Abort.DEVICE_STATE
+            if active_configuration.running.epoch == NO_EPOCH:
+                return given.take(text)
+            beside.take(text)
+            return None
 
         self._programs = None if program is None else Programs(turn, program)
         parts = Parts(
@@ -173,6 +194,7 @@ class AgentCore:
             modules,
             facts,
             take_table=take_table,
+            flies_by_two=takes_tables,
             authenticity=authenticity,
             cost=cost,
             programs=self._programs,
@@ -206,6 +228,11 @@ class AgentCore:
         The driver then ends this core, and starts another one with that table.
         """
         return self._given.table
+
+    @property
+    def table(self) -> PeTable:
+        """The table by which this PE flies."""
+        return self._index.table
 
     @property
     def counts(self) -> Counter[tuple[str, int]]:
@@ -304,6 +331,8 @@ class AgentCore:
                 return
             case AtRest(module):
                 modules.rests.came(module)
+            case TablePrepared():
+                self._beside.prepared(event)
             case StateSaved() | StateRestored() | StateLacking() | StateUnused():
                 modules.checkpoints.take(event)
             case NotReady():

@@ -28,6 +28,7 @@ from heronry_agent.core.authority import NO_TERM, Authenticity, ExclusiveFrames,
 from heronry_agent.core.configuration import ActiveConfiguration, Staging
 from heronry_agent.core.forwarding import Gateway
 from heronry_agent.core.modules import RunningModules, WithoutManager
+from heronry_agent.core.table_change import TableSwitch
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_wire.configuration_slice import Slice
@@ -71,6 +72,7 @@ class CommandAcceptance:
     exclusive_frames: ExclusiveFrames
     without_manager: WithoutManager
     authenticity: Authenticity | None
+    table_switch: TableSwitch
     _settled_lease: bytes | None = None  # last LEASE of the active manager, if the PE has done all that it commands
     _sends: Slice = field(default_factory=Slice)  # what is sent and forwarded now: at BREAK only a part of the slice
 
@@ -215,11 +217,13 @@ class CommandAcceptance:
             return self.output_authorization.saw_epoch(order.epoch, running.epoch)
         if order.step is Step.GO_ALL:
             self.output_authorization.confirmed()
+        before = self._sends
+        if target.table is not None:
+            target, before = self.table_switch.carry_out(target, before)
         moves = self.active_configuration.advance(target, order.step)
         if moves is None:
             return None
         self._settled_lease = None
-        before = self._sends
         self._sends = target.slice if order.step >= Step.GO else target.slice.restricted_to(before)
         self.modules.carry_out(moves, self._sends)
         self.exclusive_frames.published(self._sends.publish)
@@ -229,6 +233,12 @@ class CommandAcceptance:
         self.turn.wants_page_0 = True
         self.turn.note("step", f"epoch {order.epoch} at {order.step.name}: {self.active_configuration.state.name}")
         return None
+
+    def look_at_exclusive(self) -> None:
+        """Note which of the frames that are sent are exclusive, since another table is beside."""
+        self.exclusive_frames.published(self._sends.publish)
+        self.gateway.rewire(self._sends.forward)
+        self.modules.take_stock()
 
     def _withdraw(self, before: Slice, after: Slice) -> None:
         """Withdraw the unsent data frames of each source that this PE no longer sends, or now has from another node."""

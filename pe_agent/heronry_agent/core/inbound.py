@@ -71,31 +71,30 @@ class Inbound:
             index.table.ports[index.uplink].heartbeat_ns
         )  # a frame older than this waited while the process did not run
         self._clash_is_noted = False
-        self._fixed = self._fixed_handlers(commands, services, followed)
+        self._commands, self._services, self._followed = dict(commands), dict(services), followed
+        self._table, self._fixed = index.table, self._fixed_handlers()
         self.handlers = self._fixed  # by identifier; a new object whenever they have changed
         self.quiet = self._quiet_ids()
         self.patient = self._patient_ids()
 
     def rewire(self) -> None:
-        """Make the handlers of data frames for the configuration that runs now."""
+        """Make the handlers of data frames for the configuration that runs now; if another table flies now, all."""
+        if self._index.table is not self._table:
+            self._table, self._fixed = self._index.table, self._fixed_handlers()
         self.handlers = self._fixed | self._data_handlers()
         self.quiet = self._quiet_ids()
         self.patient = self._patient_ids()
 
-    def _fixed_handlers(
-        self,
-        commands: Iterable[tuple[int, Handler]],
-        services: Iterable[tuple[int, Handler]],
-        followed: Collection[str] | None,
-    ) -> dict[int, Handler]:
+    def _fixed_handlers(self) -> dict[int, Handler]:
         handlers: dict[int, Handler] = dict.fromkeys(self._gateway.rising_ids, self._from_beyond)
         handlers |= dict.fromkeys(self._gateway.asking_ids, self._asked)
         handlers |= dict.fromkeys(self._gateway.answering_ids, self._answered)
         handlers |= dict.fromkeys(map(state_id, PE_NODES), self._state)
         handlers |= dict.fromkeys(self._modules.checkpoints.identifiers, self._modules.checkpoints.heard)
-        handlers |= dict.fromkeys(_echo_ids(self._index.table, followed), self._echo)
-        handlers |= commands if self._authenticity is None else self._authenticity.guarded(commands)
-        handlers |= services
+        handlers |= dict.fromkeys(_echo_ids(self._index.table, self._followed), self._echo)
+        commands = self._commands
+        handlers |= commands if self._authenticity is None else self._authenticity.guarded(commands.items())
+        handlers |= self._services
         return handlers | dict.fromkeys((identify(self._index.node) for identify in _OWN), self._own_identifier)
 
     def _data_handlers(self) -> dict[int, Handler]:
@@ -178,7 +177,7 @@ class Inbound:
 
     def _echo(self, event: Received) -> None:
         """Hand the value in another PE's output echo to the plant of this PE; a gateway also forwards the echo."""
-        heard = self._modules.heard_echo(event.frame)
+        heard = self._modules.publisher.heard(event.frame)
         if heard is not None:
             self._turn.do(Heard(*heard))
         self._from_beyond(event)

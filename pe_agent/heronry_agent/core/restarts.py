@@ -16,6 +16,7 @@ If a partition ends, these modules count as failed:
 The other modules of the partition are restarted immediately. A restart of the agent drops all records.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from heronry_wire.protocol_times import FORGIVEN_AFTER_NS
@@ -62,6 +63,12 @@ class Restarts:
     def begin_at(self, module: int, at_ns: int) -> None:
         """Schedule the restart of a module for the time `at_ns`, without recording a failure."""
         self._begin_ns[module] = at_ns
+        self._find_next()
+
+    def renumber(self, modules: Mapping[int, int]) -> None:
+        """Give the modules that go on other indices, and forget all others."""
+        self._records = {modules[module]: one for module, one in self._records.items() if module in modules}
+        self._begin_ns = {modules[module]: at_ns for module, at_ns in self._begin_ns.items() if module in modules}
         self._find_next()
 
     def forget(self, module: int) -> None:

@@ -15,6 +15,11 @@ from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.timing import WORST_BLOCKING_BITS
 
 _REMEDY = "write the table anew with 'heronry table'"
+_CONTENTS = (
+    *("table", "node", "ports", "uplink", "lease_ns", "leased_ns", "stand_back_ns", "modules", "leaf_counts"),
+    *("source_of", "_movable", "_contested", "movable", "contested", "types", "elements", "critical", "phase_index"),
+    *("actuators", "device_index", "_preloaded"),
+)
 
 
 class TableIndex:
@@ -33,8 +38,9 @@ class TableIndex:
         self.leaf_counts = table.leaf_counts()
         self.source_of = {(s.module, s.variable): index for index, s in enumerate(table.sources)}
         movable = {module.name for module in table.modules if module.movable}
-        self.movable = frozenset(i for i, source in enumerate(table.sources) if source.module in movable)
-        self.contested = frozenset(i for i, source in enumerate(table.sources) if source.movable)
+        self._movable = frozenset(i for i, source in enumerate(table.sources) if source.module in movable)
+        self._contested = frozenset(i for i, source in enumerate(table.sources) if source.movable)
+        self.movable, self.contested = self._movable, self._contested  # with those that `share` adds
         self.types = tuple(_data_type(table, source.variable) for source in table.sources)
         self.elements = _elements(table)
         self.critical = frozenset(self.elements[name] for name in table.flight_critical if name in self.elements)
@@ -44,6 +50,26 @@ class TableIndex:
         self._preloaded = table.preloaded()
         _check(table, self.source_of)
         self._check_preloaded()
+
+    def share(self, other: "TableIndex | None") -> None:
+        """Count as exclusive, too, each source whose identifier another module has in `other`, the table beside.
+
+        Another PE may send under such an identifier as soon as it flies by that table (protocol rule 6).
+        """
+        holders = {} if other is None else {s.identifier: (s.module, s.variable) for s in other.table.sources}
+        passing = frozenset(
+            index
+            for index, source in enumerate(self.table.sources)
+            if holders.get(source.identifier, (source.module, source.variable)) != (source.module, source.variable)
+        )
+        self.movable, self.contested = self._movable | passing, self._contested | passing
+
+    def exchange(self, other: "TableIndex") -> None:
+        """Exchange the contents with `other`: every part of the agent holds this object, whichever table flies."""
+        for name in _CONTENTS:
+            mine, its = getattr(self, name), getattr(other, name)
+            setattr(self, name, its)
+            setattr(other, name, mine)
 
     def on_board(self, number: int, digest: int) -> bytes | None:
         """Return the slice of contingency `number` as bytes.

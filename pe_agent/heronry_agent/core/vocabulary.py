@@ -1,6 +1,6 @@
 """The events and actions of the agent core, except those for frames and time (`heronry_wire.sansio`).
 
-The driver answers five of the actions; no other action has an answer:
+The driver answers seven of the actions; no other action has an answer:
 
     StepModule    `Stepped`, `StepFailed` or `NotReady`, or the `PartitionEnded` of the module's partition
     StartModule   `StartFailed` if the start has failed. A start that succeeds has no answer, unless the order has
@@ -9,6 +9,7 @@ The driver answers five of the actions; no other action has an answer:
     MeasureStep   `StepMeasured`
     Drive         `Driven` if the device has moved; `DriveFailed` if the device could not execute the command
     StopModule    `AtRest` when the device has taken its safe action, if the core was told that this may take time
+    PrepareTable  `TablePrepared`
 
 An answer to StepModule repeats the `release` of the StepModule, a number that is used only once. If the module is
 stopped during its step, the answer may be missing, or come late. By the `release` the core recognizes a late answer,
@@ -16,12 +17,12 @@ and drops it.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from heronry_agent.module import Datum, Value
 from heronry_wire.checkpoint_frames import Lack, SentState
-from heronry_wire.pe_table import ModuleEntry
+from heronry_wire.pe_table import ModuleEntry, PeTable
 from heronry_wire.sansio import NEVER_NS, Received, Send, StandBack, Tick, Withdraw
 from heronry_wire.standstill import StoodStill
 
@@ -327,6 +328,48 @@ class ChannelsLost(NamedTuple):
 
 
 StateEvent = StateSaved | StateRestored | StateLacking | StateUnused
+
+
+@dataclass(frozen=True, slots=True)
+class PrepareTable:
+    """Another table has come beside the one that flies: read it, open its devices, and begin to load its code.
+
+    `TablePrepared` answers, later, since a text may take long to be read (`read_beside`). The modules that run go on.
+
+    text: as it came. number: tells the partitions of this table from those of others that came.
+    """
+
+    text: bytes
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class TablePrepared:
+    """The driver is prepared for a table, or cannot fly by it.
+
+    table: as `read_beside` has given it; None: it cannot be read.
+    missing: images of the table whose code is not on this PE, each with the reason.
+    slow_to_rest: modules of the table whose StopModule the driver answers with AtRest.
+    problem: why this PE cannot fly by the table, as a part of a sentence; None: it can.
+    """
+
+    table: PeTable | None
+    missing: Mapping[str, str] = field(default_factory=dict)
+    slow_to_rest: frozenset[int] = frozenset()
+    problem: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchTable:
+    """From now on modules are named by their indices in this table, for which the driver is prepared.
+
+    modules: of the modules that go on, the index so far -> the index from now on. No other module runs.
+    """
+
+    table: PeTable
+    modules: Mapping[int, int]
+
+
 ModuleEvent = (  # what the host of modules reports, with what its loader reports
     Stepped
     | StepFailed
@@ -340,6 +383,7 @@ ModuleEvent = (  # what the host of modules reports, with what its loader report
     | Driven
     | DriveFailed
     | AtRest
+    | TablePrepared
     | StateEvent
 )
 Event = Received | Tick | Left | ChannelsLost | StoodStill | ModuleEvent
@@ -357,5 +401,7 @@ Action = (
     | Heard
     | WriteProgram
     | ControlProgram
+    | PrepareTable
+    | SwitchTable
     | Note
 )

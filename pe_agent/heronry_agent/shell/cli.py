@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any
@@ -21,16 +21,18 @@ from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authority import Secret
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.vocabulary import Note
-from heronry_agent.shell.device_choice import choose_drivers, read_devices
-from heronry_agent.shell.devices import PLANT, Devices, open_drivers
+from heronry_agent.shell.device_choice import read_devices
+from heronry_agent.shell.devices import PLANT
 from heronry_agent.shell.driver import AgentDriver, is_abandoned
 from heronry_agent.shell.image_catalogues import why_not_here
 from heronry_agent.shell.incarnation import BootCount
+from heronry_agent.shell.node_devices import NodeDevices
 from heronry_agent.shell.offer import offer
 from heronry_agent.shell.own_node_id import NodeId, OwnNodeId
 from heronry_agent.shell.partition_groups import open_groups
 from heronry_agent.shell.partition_host import PartitionHost
 from heronry_agent.shell.ports import bus_configs
+from heronry_agent.shell.table_preparing import TablePreparing
 from heronry_agent.shell.table_waiting import Waiting, WaitingCore
 from heronry_wire.authentication import Key
 from heronry_wire.bus_arguments import add_bus_arguments, channel_configs, channels_named, flagged_bus
@@ -41,7 +43,7 @@ from heronry_wire.identifiers import PE_NODES
 from heronry_wire.key_file import read_key
 from heronry_wire.node_cost import CostMeter
 from heronry_wire.ordinary_file import read_ordinary, replace_ordinary
-from heronry_wire.pe_table import PeTable, TableError
+from heronry_wire.pe_table import ModuleEntry, PeTable, TableError
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
 from heronry_wire.service_manager import ServiceManager
@@ -191,17 +193,11 @@ def _run_with(
     configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
     named = {} if arguments.devices is None else read_devices(arguments.devices)
-    chosen = choose_drivers(table, named, simulated=arguments.simulated is not None)
     buses = {port.bus: dict(channels[0]) for port, channels in zip(table.ports, configs, strict=True)}
-    drivers = open_drivers(
-        table,
-        origin_ns,
-        chosen,
-        simulated=arguments.simulated or PLANT,
-        buses=buses,
-        tell=lambda sentence: tell(Note("device", sentence)),
+    here = NodeDevices(
+        table, named, arguments.simulated, origin_ns, buses, lambda sentence: tell(Note("device", sentence))
     )
-    devices = Devices(table, drivers)
+    devices = here.devices
     followed, every_echo = devices.followed(), devices.every_echo()
     reasons = {module.image: why_not_here(module.image) for module in table.modules}
     missing = {image: reason for image, reason in reasons.items() if reason is not None}
@@ -223,26 +219,46 @@ def _run_with(
         undo.callback(host.close)
         meter = CostMeter(time.monotonic_ns(), time.process_time_ns, host.used_ns)
 
-        def new_core() -> AgentCore:
+        def open_added(beside: PeTable, added: Collection[ModuleEntry]) -> frozenset[int]:
+            if code is not None:
+                raise TableError("this node takes code over the bus (--code-dir), and then no table while it flies")
+            slow = here.add(beside, added)
+            host.add(added, time.monotonic_ns())
+            return slow
+
+        preparing = TablePreparing(
+            table,
+            arguments.table,
+            open_added=open_added,
+            why_not_here=why_not_here,
+            tell=lambda sentence: tell(Note("disk", sentence)),
+        )
+
+        def new_core(flying: PeTable) -> AgentCore:
             now_ns, secret = time.monotonic_ns(), _secret(key)
-            here = frozenset[str]() if code is None else code.loader.images
+            brought = frozenset[str]() if code is None else code.loader.images
+            lacking = {module.image: why_not_here(module.image) for module in flying.modules}
             return AgentCore(
-                table,
+                flying,
                 boots.next(),
                 now_ns,
-                missing_images={image: reason for image, reason in missing.items() if image not in here},
+                missing_images={
+                    image: why for image, why in lacking.items() if why is not None and image not in brought
+                },
                 secret=secret,
                 followed=followed,
                 every_echo=every_echo,
                 cost=lambda: meter.last,
                 takes_tables=arguments.node is not None,
                 program=None if code is None else code.loader.program,
-                slow_to_rest=devices.slow_to_rest,
+                slow_to_rest=preparing.numbers.indices(devices.slow_to_rest),
             )
 
         service = ServiceManager()
         undo.callback(service.close)
-        driver = AgentDriver(table, new_core, host, links, key=key, tell=tell, service=service, meter=meter)
+        driver = AgentDriver(
+            table, new_core, host, links, key=key, tell=tell, service=service, meter=meter, preparing=preparing
+        )
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: driver.stop())
         new_table = driver.run(until_eof=until_eof)

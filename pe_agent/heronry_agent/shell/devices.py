@@ -14,7 +14,7 @@ If a device has failed, the report goes out with the answer to the next step of 
 reported it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from importlib.metadata import entry_points
 from types import MappingProxyType
@@ -27,7 +27,7 @@ from heronry_agent.shell.device_choice import RealDriver
 from heronry_agent.shell.module_runner import one_line
 from heronry_agent.shell.partition_log import PartitionLog
 from heronry_wire.errors import HeronryError
-from heronry_wire.pe_table import PeTable
+from heronry_wire.pe_table import ModuleEntry, PeTable
 
 Buses = Mapping[str, Mapping[str, Any]]
 
@@ -154,13 +154,31 @@ class Devices:
         sensors = {device.name for device in table.devices if device.kind == "sensor"}
         self._stale_ns = {entry.device: entry.stale_ns for entry in table.drivers if entry.device in sensors}
         self._names = {module.index: module.device for module in table.modules}
-        self._bolted_to = {module.index: self._open(module.device) for module in table.modules}
-        self.real = tuple(device for device in self._opened.values() if isinstance(device, RealDevice))
-        self.slow_to_rest = frozenset(
-            module.index for module in table.modules if module.demux and self._bolted_to[module.index] in self.real
-        )
+        self._bolted_to: dict[int, Device | None] = {}
+        self.slow_to_rest: frozenset[int] = frozenset()
         self._moving: dict[int, int] = {}  # those of them that were stopped and still move, and until when to wait
         self._lease_ns = 0
+        self._bolt(table.modules)
+
+    def add(self, table: PeTable, modules: Collection[ModuleEntry], more: Mapping[str, DeviceDriver]) -> None:
+        """Open the devices of more modules, which another table adds; raises DeviceDriverError.
+
+        table: the one that adds them. modules: with the numbers by which the host knows them. more: drivers of their
+        devices, by name; a device that is open keeps the driver that it has.
+        """
+        self._drivers = {**more, **self._drivers}
+        self._every_driver = tuple({id(driver): driver for driver in self._drivers.values()}.values())
+        sensors = {device.name for device in table.devices if device.kind == "sensor"}
+        self._stale_ns |= {entry.device: entry.stale_ns for entry in table.drivers if entry.device in sensors}
+        self._names |= {module.index: module.device for module in modules}
+        self._bolt(modules)
+
+    def _bolt(self, modules: Collection[ModuleEntry]) -> None:
+        """Open the devices of modules, and note which module has which."""
+        opened = {module.index: self._open(module.device) for module in modules}
+        self._bolted_to |= opened
+        self.real = tuple(device for device in self._opened.values() if isinstance(device, RealDevice))
+        self.slow_to_rest |= {module.index for module in modules if module.demux and opened[module.index] in self.real}
         self._watched = {module: device for module, device in self._bolted_to.items() if isinstance(device, Watched)}
 
     def _open(self, name: str | None) -> Device | None:

@@ -48,10 +48,20 @@ from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from heronry_agent.core.agent import AgentCore
-from heronry_agent.core.vocabulary import Action, ChannelsLost, Event, Left, ModuleEvent, Note
+from heronry_agent.core.vocabulary import (
+    Action,
+    ChannelsLost,
+    Event,
+    Left,
+    ModuleEvent,
+    Note,
+    PrepareTable,
+    SwitchTable,
+)
 from heronry_agent.shell.haste import Haste, needed_states
 from heronry_agent.shell.own_node_id import NodeId, OwnNodeId
 from heronry_agent.shell.partition_host import PartitionHost
+from heronry_agent.shell.table_preparing import TablePreparing
 from heronry_wire.authentication import Key
 from heronry_wire.frame_port import Arrival
 from heronry_wire.identifiers import state_id
@@ -80,7 +90,7 @@ class AgentDriver:
     def __init__(
         self,
         table: PeTable,
-        new_core: Callable[[], AgentCore],
+        new_core: Callable[[PeTable], AgentCore],
         host: PartitionHost,
         links: Sequence[AnyLink],
         *,
@@ -88,18 +98,21 @@ class AgentDriver:
         tell: Callable[[Note], None],
         service: ServiceManager,
         meter: CostMeter,
+        preparing: TablePreparing,
     ) -> None:
         """Make the first core.
 
-        new_core: makes the core of a new incarnation.
+        new_core: makes the core of a new incarnation, which flies by the given table.
         host: runs the partitions; reads and commands the devices.
         links: one for each port of the table, in the same order.
         key: of the fleet; None without authentication.
         tell: called with every line for the log, at once.
         service: reports to systemd, if systemd has started the agent.
         meter: measures what this loop costs.
+        preparing: reads and prepares tables that come beside the one that flies.
         """
-        self.core = new_core()
+        self.core = new_core(table)
+        self._preparing, self._numbers = preparing, preparing.numbers
         self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
         self._key = key
         self._service, self._own_state = service, state_id(table.node_id)
@@ -158,7 +171,9 @@ class AgentDriver:
         """Take all that has come, and do all that is due."""
         self._take_frames(ready)
         for event in self._host.take(ready, time.monotonic_ns()):
-            self._step(time.monotonic_ns(), event)
+            self._tell_core(event)
+        for prepared in self._preparing.take():
+            self._step(time.monotonic_ns(), prepared)
         now_ns = time.monotonic_ns()
         if now_ns >= self.core.next_deadline_ns():
             self._step(now_ns, Tick())
@@ -254,7 +269,7 @@ class AgentDriver:
             self._stopping = self._stopping or (self._until_eof and is_abandoned())
             if self._stopping:
                 return
-        self.core, self._accepted, self._lost_channels = self._new_core(), (), {}
+        self.core, self._accepted, self._lost_channels = self._new_core(self._table), (), {}
 
     def _accept(self, identifiers: Collection[int]) -> None:
         self._accepted = identifiers
@@ -332,6 +347,25 @@ class AgentDriver:
                 self._links[port].stand_back(until_ns)
             case Note():
                 self._tell(action)
+            case PrepareTable():
+                self._preparing.begin(action, self._table)
+            case SwitchTable(table):
+                self._switched(table)
             case _:
-                return self._host.carry_out(action, time.monotonic_ns())
+                answer = self._host.carry_out(self._numbers.inward(action), time.monotonic_ns())
+                return None if answer is None else self._numbers.outward(answer)
         return None
+
+    def _tell_core(self, event: ModuleEvent) -> None:
+        """Give the core what the host reports of a module, unless its table does not have the module any more."""
+        about = self._numbers.outward(event)
+        if about is not None:
+            self._step(time.monotonic_ns(), about)
+
+    def _switched(self, table: PeTable) -> None:
+        """Go on with the table that was beside; the buses are the same, but other nodes may be on them."""
+        self._preparing.switched(table)
+        self._table = table
+        uplink = self._links[table.uplink]
+        if isinstance(uplink, Link) and table.uplink not in self.core.radio_ports:
+            uplink.thin(needed_states(table))

@@ -98,6 +98,17 @@ class PartitionHost:
         self._cold = sorted({module.partition for module in table.modules}, reverse=True)
         self._warm_ns = NEVER_NS
 
+    def add(self, modules: Collection[ModuleEntry], now_ns: int) -> None:
+        """Run more modules when they are started; those of new partitions load their code in advance.
+
+        modules: with the numbers by which the actions of the core will name them.
+        """
+        self._entries |= {module.index: module for module in modules}
+        named = {module.partition for module in modules}
+        self._cold += sorted(named.difference(self._processes, self._cold), reverse=True)
+        if self._cold and self._warm_ns == NEVER_NS:
+            self._warm_ns = now_ns
+
     def watch(self, now_ns: int) -> tuple[list[PartitionProcess | PartitionLog], int]:
         """Return what `select` is to wait for: the partitions and the pipes to which they print.
 

@@ -31,7 +31,7 @@ class FollowedManager:
 
     def __init__(self, lease_ns: int) -> None:
         """Begin without a manager; `lease_ns` is the time in ns for which one LEASE is valid."""
-        self._lease_ns = lease_ns
+        self.lease_ns = lease_ns
         self.term = NO_TERM
         self.manager = 0
         self.has_activated = False  # the active manager has brought a configuration to its last step
@@ -52,7 +52,7 @@ class FollowedManager:
     @property
     def lease_ends_ns(self) -> int:
         """Time in ns at which the lease ends, unless another LEASE comes; 0 if no LEASE has come yet."""
-        return 0 if self._leased_ns is None else self._leased_ns + self._lease_ns + 1
+        return 0 if self._leased_ns is None else self._leased_ns + self.lease_ns + 1
 
     def hears_lease(self, now_ns: int) -> bool:
         """Tell whether the last LEASE of the active manager is still valid."""

@@ -8,7 +8,8 @@ read. A client can write these objects:
     table               - A PE that waits for a table (`table_waiting`) takes a table that can be used, and that has the
                           node-ID of this PE
                         - A PE that has a table accepts only the same table again
-                        - A PE that runs a configuration accepts no table, since its many bytes would load the bus
+                        - A PE that runs a configuration takes another table beside its own (`table_change`), or none if
+                          its agent takes none
                         A table comes whole (2020h), or in parts (2026h, `received_parts`); then it is the same
 
     program, its parts, program control     only where this PE has a loader (`programs`)
@@ -17,7 +18,7 @@ With a key, a client can write only while the PE is unlocked (`authenticity`), a
 challenge that the client has read.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cache, partial
 
@@ -65,7 +66,7 @@ from heronry_wire.compressed_table import table_bytes
 from heronry_wire.eds import eds_text
 from heronry_wire.management import NO_EPOCH
 from heronry_wire.node_cost import NodeCost
-from heronry_wire.pe_table import TableError
+from heronry_wire.pe_table import ModuleEntry, PeTable, TableError
 from heronry_wire.protocol_version import PROTOCOL
 from heronry_wire.sdo import Abort
 from heronry_wire.state_frames import PeFlags
@@ -83,6 +84,7 @@ class Parts:
     facts: returns the present content of the state frames.
     take_table: takes a table that differs from the present one, and returns None, or the abort code with which
         it refuses. If `take_table` is None, such a table is always refused.
+    flies_by_two: a table may come while this PE runs something, and is then beside the one that flies.
     authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
     cost: returns what this node costs its computer, or None while that is not known.
     programs: the door to the loader; None where this PE has no loader.
@@ -103,6 +105,7 @@ class Parts:
     programs: Programs | None = None
     table_parts: ReceivedParts = field(default_factory=ReceivedParts)
     offer: str = ""
+    flies_by_two: bool = False
 
 
 class PeObjects:
@@ -110,8 +113,17 @@ class PeObjects:
 
     def __init__(self, parts: Parts, network: NetworkManagement, services: NodeServices) -> None:
         self._parts, self._network, self._services = parts, network, services
-        self._table = cache(lambda: parts.index.table.to_json().encode())
-        self._entries = tuple(parts.index.modules.values())
+        self._told: tuple[PeTable, bytes] | None = None
+
+    def _table(self) -> bytes:
+        table = self._parts.index.table
+        if self._told is None or self._told[0] is not table:
+            self._told = table, table.to_json().encode()
+        return self._told[1]
+
+    @property
+    def _entries(self) -> Collection[ModuleEntry]:
+        return self._parts.index.modules.values()
 
     def dictionary(self) -> ObjectDictionary:
         """Return the object dictionary of this PE; it reads and writes values by functions of this `PeObjects`."""
@@ -177,7 +189,7 @@ class PeObjects:
 
     def _takes_bytes(self, index: int) -> bool:
         if index in (TABLE, TABLE_TRANSFER):
-            return self._parts.active_configuration.running.epoch == NO_EPOCH
+            return self._parts.flies_by_two or self._parts.active_configuration.running.epoch == NO_EPOCH
         return self._parts.programs is not None and self._parts.programs.takes_bytes()
 
     def _state(self, number: int) -> int:
@@ -247,7 +259,8 @@ class PeObjects:
         except TableError as error:
             self._parts.turn.note("table", f"a table is refused: {error}")
             return Abort.VALUE
-        if text.strip() == self._table():
+        flies = self._parts.active_configuration.running.epoch != NO_EPOCH
+        if not (flies and self._parts.flies_by_two) and text.strip() == self._table():
             return None
         take = self._parts.take_table
         return Abort.DEVICE_STATE if take is None else take(text)

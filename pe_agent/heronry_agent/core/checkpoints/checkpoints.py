@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from heronry_agent.core.authority import OutputAuthorization
+from heronry_agent.core.carried_over import CarriedOver
 from heronry_agent.core.checkpoints.keeping import Keeping
 from heronry_agent.core.checkpoints.reports import StateReports
 from heronry_agent.core.checkpoints.sending import Sender
@@ -37,7 +38,7 @@ class Checkpoints:
 
     def __init__(self, turn: Turn, index: TableIndex, authorization: OutputAuthorization, faults: Faults) -> None:
         """Begin without states; `faults` sends the reports of this PE."""
-        self._turn, self._index, self._authorization = turn, index, authorization
+        self._turn, self._index, self._authorization, self._faults = turn, index, authorization, faults
         self._reports = StateReports(faults, index.table.ports[index.uplink].heartbeat_ns)
         self._entries = {entry.module: entry for entry in index.table.checkpoints}
         self._keeping = Keeping(index.table.checkpoints, index.modules)
@@ -47,6 +48,21 @@ class Checkpoints:
         self._alive: frozenset[int] = frozenset()
         self._named = b""  # the last ALIVE, without its sequence
         self.next_ns = NEVER_NS
+
+    def carry_over(self, carried: CarriedOver) -> None:
+        """Begin anew with another table: the states of its modules are saved, kept and sent from now on."""
+        table = self._index.table
+        running = carried.by_module(self._senders)
+        self._reports = StateReports(self._faults, table.ports[self._index.uplink].heartbeat_ns)
+        self._entries = {entry.module: entry for entry in table.checkpoints}
+        self._keeping = Keeping(table.checkpoints, self._index.modules)
+        self._rounds, self._trials, self._named = {}, {}, b""
+        self._senders = {
+            module: Sender(self._entries[module], self._turn.now_ns, sender.round)
+            for module, sender in running.items()
+            if module in self._entries
+        }
+        self._plan()
 
     @property
     def identifiers(self) -> Iterable[int]:

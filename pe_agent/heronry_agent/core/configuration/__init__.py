@@ -26,6 +26,6 @@ The protocol: docs/protocol/reconfiguration.md.
 
 from heronry_agent.core.configuration.active_configuration import ActiveConfiguration, Moves
 from heronry_agent.core.configuration.slice_reading import SliceReader
-from heronry_agent.core.configuration.staging import Staging
+from heronry_agent.core.configuration.staging import Configured, Staging
 
-__all__ = ["ActiveConfiguration", "Moves", "SliceReader", "Staging"]
+__all__ = ["ActiveConfiguration", "Configured", "Moves", "SliceReader", "Staging"]

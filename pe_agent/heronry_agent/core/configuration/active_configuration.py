@@ -27,7 +27,7 @@ starts the module again in the present epoch.
 again (`without_manager`), or when a new configuration contains the module.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from heronry_agent.core.configuration.staging import UNCONFIGURED, Configured
@@ -107,6 +107,18 @@ class ActiveConfiguration:
         keep, drop = self._kept.intersection(stop), tuple(sorted(kept - self._kept))
         self._kept = self._kept.difference(self.live)
         return Moves(stop, keep, drop if rewire else (), start, rewire)
+
+    def leave(self, goes_on: Collection[int]) -> Moves:
+        """Stop every module that is not in `goes_on`, before another table takes the place of this one."""
+        stop = tuple(sorted(self.live.keys() - set(goes_on)))
+        for module in stop:
+            del self.live[module]
+        drop, self._kept = tuple(sorted(self._kept)), frozenset()
+        return Moves(stop, drop=drop)
+
+    def renumber(self, modules: Mapping[int, int]) -> None:
+        """Give the modules that go on (all that run) the indices that they have in another table."""
+        self.live = {modules[module]: mode for module, mode in self.live.items()}
 
     def rest(self) -> Moves:
         """Stop the expendable modules that run, because no manager is heard; returns them as `Moves`."""

@@ -26,7 +26,7 @@ class SliceReader:
 
         missing_images: images of the table that cannot be loaded on this PE, each with the reason.
         """
-        self._index = index
+        self.index = index
         self.missing_images = dict(missing_images)
 
     def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
@@ -34,33 +34,33 @@ class SliceReader:
 
         Returns None if the contingency is not on board, or if `digest` is not the digest of its configuration.
         """
-        body = self._index.on_board(number, digest)
-        return None if body is None else (body, slice_digest(self._index.table.identity, body))
+        body = self.index.on_board(number, digest)
+        return None if body is None else (body, slice_digest(self.index.table.identity, body))
 
     def read(self, body: bytes, digest: int) -> Slice | Reason:
         """Decode the bytes of a slice, and check it; returns the slice, or the reason why it is refused.
 
         digest: digest of these bytes, as the manager has announced it.
         """
-        if slice_digest(self._index.table.identity, body) != digest:
+        if slice_digest(self.index.table.identity, body) != digest:
             return Reason.DIGEST
         try:
-            wanted = decode_slice(body, self._index.leaf_counts)
+            wanted = decode_slice(body, self.index.leaf_counts)
         except SliceError:
             return Reason.UNKNOWN_INDEX
         if not self._is_coherent(wanted):
             return Reason.UNKNOWN_INDEX
-        images = {self._index.modules[module.module].image for module in wanted.modules}
+        images = {self.index.modules[module.module].image for module in wanted.modules}
         return Reason.IMAGE if images & self.missing_images.keys() else wanted
 
     def _is_coherent(self, wanted: Slice) -> bool:
-        given = {source for m in wanted.modules for source in self._index.gives(m.module, m.mode)}
+        given = {source for m in wanted.modules for source in self.index.gives(m.module, m.mode)}
         return (
             wanted.publish.keys() <= given
             and not wanted.remote.keys() & given
             and self._are_sources(wanted.remote)
             and self._are_sources(wanted.forward)
-            and all(node in PE_NODES and node != self._index.node for node in wanted.remote.values())
+            and all(node in PE_NODES and node != self.index.node for node in wanted.remote.values())
             and all(node in PE_NODES for node, _ in wanted.forward.values())
             and all(map(self._is_mask, wanted.publish.values()))
             and all(self._is_mask(mask) for _, mask in wanted.forward.values())
@@ -70,25 +70,25 @@ class SliceReader:
 
     def _shares_an_actuator(self, wanted: Slice) -> bool:
         """Tell whether two modules of a slice drive one actuator (semantics rule 10)."""
-        driven = [self._index.modules[module.module].device for module in wanted.modules]
-        driven = [device for device in driven if device in self._index.actuators]
+        driven = [self.index.modules[module.module].device for module in wanted.modules]
+        driven = [device for device in driven if device in self.index.actuators]
         return len(set(driven)) < len(driven)
 
     def _are_sources(self, sources: Iterable[int]) -> bool:
-        return all(source < len(self._index.table.sources) for source in sources)
+        return all(source < len(self.index.table.sources) for source in sources)
 
     def _is_mask(self, mask: int) -> bool:
-        return 0 < mask < 1 << len(self._index.ports)
+        return 0 < mask < 1 << len(self.index.ports)
 
     def _is_wired(self, module: ModuleSlice, supplied: set[int]) -> bool:
         """Tell whether every wired leaf of a module reads the leaf's own variable from a source in `supplied`.
 
         supplied: the sources that modules of the slice give on this PE, and those that come from other PEs.
         """
-        variables = self._index.leaf_variables(module.module, module.mode)
+        variables = self.index.leaf_variables(module.module, module.mode)
         for variable, source in zip(variables, module.sources, strict=True):
             if source is None:
                 continue
-            if source not in supplied or self._index.table.sources[source].variable != variable:
+            if source not in supplied or self.index.table.sources[source].variable != variable:
                 return False
         return True

@@ -27,6 +27,7 @@ unconfigured, and the manager begins anew.
 from dataclasses import dataclass
 
 from heronry_agent.core.configuration.slice_reading import SliceReader
+from heronry_agent.core.table_index import TableIndex
 from heronry_wire.capacities import MOST_SLICE_BYTES
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.management import NO_EPOCH, SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, is_newer
@@ -41,6 +42,7 @@ class Configured:
     epoch: number of the configuration.
     digest: digest of the whole configuration.
     slice_digest, length: digest of the PE's slice, and its length in bytes.
+    table: the table beside, if this configuration is of it (`table_change`); None: it is of the table that flies.
     """
 
     epoch: int
@@ -48,6 +50,7 @@ class Configured:
     slice: Slice
     slice_digest: int
     length: int
+    table: TableIndex | None = None
 
 
 UNCONFIGURED = Configured(NO_EPOCH, 0, Slice(), 0, 0)
@@ -88,6 +91,7 @@ class Staging:
         quiet_ns: if frames of a slice are missing, and none has come for this time in ns, INCOMPLETE is reported.
         """
         self.reader = reader
+        self.beside: SliceReader | None = None  # of the table beside, while there is one
         self._quiet_ns = quiet_ns
         self._collection: _Collection | None = None
         self._term = 0  # term of the last PREPARE that was accepted
@@ -187,6 +191,12 @@ class Staging:
             return self._collection.prepare.epoch, 0
         return self.staged.epoch, self.staged.digest
 
+    def put_beside(self, beside: SliceReader | None, running: Configured) -> None:
+        """Stage slices of another table, too; what is staged of the table that was beside before is forgotten."""
+        self.beside = beside
+        if self.staged.table is not None:
+            self.staged = running
+
     def collecting(self) -> bool:
         """Tell whether a slice is being collected."""
         return self._collection is not None
@@ -216,18 +226,21 @@ class Staging:
         if collection.missing():
             self.ask_ns = now_ns + self._quiet_ns
             return False
-        read = self.reader.read(collection.body(), collection.head.digest)
+        body, digest, table = collection.body(), collection.head.digest, None
+        read = self.reader.read(body, digest)
+        if read is Reason.DIGEST and self.beside is not None:  # the digest names the table
+            read, table = self.beside.read(body, digest), self.beside.index
         if isinstance(read, Slice):
-            return self._stage(read)
+            return self._stage(read, table)
         collection.bodies, self.ask_ns = None, NEVER_NS
         return self.refuse(read)
 
-    def _stage(self, wanted: Slice) -> bool:
+    def _stage(self, wanted: Slice, table: TableIndex | None = None) -> bool:
         collection = self._collection
         assert collection is not None
         assert collection.head is not None
         prepare, head = collection.prepare, collection.head
-        self.staged = Configured(prepare.epoch, prepare.digest, wanted, head.digest, head.length)
+        self.staged = Configured(prepare.epoch, prepare.digest, wanted, head.digest, head.length, table)
         self._drop()
         self.reason = Reason.NONE
         return True

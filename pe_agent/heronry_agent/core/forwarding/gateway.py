@@ -64,16 +64,10 @@ class Gateway:
     """Decides which received frames a PE forwards, and to which ports."""
 
     def __init__(self, index: TableIndex) -> None:
+        self._index = index
         self._uplink = index.uplink
         self._far = [port for port in index.ports if port != index.uplink]
         self._ports = index.table.ports
-        self._beyond = {port: frozenset(self._ports[port].nodes) for port in self._far}
-        self._rising = {
-            (port, identifier) for port in self._far for identifier in (*_told_up(self._beyond[port]), *GATEWAY_IDS)
-        }
-        nodes = {node: port for port in self._far for node in self._beyond[port]}
-        self.asking_ids: Mapping[int, int] = {sdo_request_id(node): node for node in nodes}
-        self._answering = {(port, sdo_response_id(node)): node for node, port in nodes.items()}
         self._asked_ns: dict[int, int] = {}  # by node: when a request of SDO was last forwarded to it
         self._each_ns = {
             port: _SHARE * worst_bits(MESSAGE_BYTES) * 1_000_000_000 // self._ports[port].bitrate for port in self._far
@@ -82,10 +76,20 @@ class Gateway:
         self._last: dict[
             tuple[int, Command], tuple[bytes, int]
         ] = {}  # by far port and command: what was last sent, and when it is due again
-        self._table = index.table
-        self._contested = index.contested
         self._data: dict[int, tuple[int, int]] = {}
         self.contested_ids: frozenset[int] = frozenset()  # identifiers of exclusive data that is forwarded up
+        self.look_beyond()
+
+    def look_beyond(self) -> None:
+        """Find the nodes beyond, at the start and when another table flies; their buses stay the same."""
+        self._ports = self._index.table.ports
+        self._beyond = {port: frozenset(self._ports[port].nodes) for port in self._far}
+        self._rising = {
+            (port, identifier) for port in self._far for identifier in (*_told_up(self._beyond[port]), *GATEWAY_IDS)
+        }
+        nodes = {node: port for port in self._far for node in self._beyond[port]}
+        self.asking_ids: Mapping[int, int] = {sdo_request_id(node): node for node in nodes}
+        self._answering = {(port, sdo_response_id(node)): node for node, port in nodes.items()}
 
     @property
     def rising_ids(self) -> set[int]:
@@ -117,11 +121,13 @@ class Gateway:
 
         forward: index of a source -> (node that produces its data, bit mask of the ports), as in a slice.
         """
-        sources = self._table.sources
+        sources = self._index.table.sources
         self._data = {sources[source].identifier: entry for source, entry in forward.items()}
         up = 1 << self._uplink
         self.contested_ids = frozenset(
-            sources[source].identifier for source in self._contested.intersection(forward) if forward[source][1] & up
+            sources[source].identifier
+            for source in self._index.contested.intersection(forward)
+            if forward[source][1] & up
         )
 
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:

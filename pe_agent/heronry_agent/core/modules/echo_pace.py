@@ -7,6 +7,7 @@ echoes, whatever the rate of its module.
 A simulated plant that follows actuators of other PEs needs every command. If it asks for that, nothing is left out.
 """
 
+from heronry_agent.core.carried_over import CarriedOver
 from heronry_wire.pe_table import PeTable
 
 _NS_PER_S = 1_000_000_000
@@ -20,6 +21,11 @@ class EchoPace:
         self.every = every_echo
         self._period_ns = _NS_PER_S // table.echoes_per_s
         self._due_ns: dict[int, int] = {}  # by module
+
+    def carry_over(self, table: PeTable, carried: CarriedOver) -> None:
+        """Go on with the pace of another table."""
+        self._period_ns = _NS_PER_S // table.echoes_per_s
+        self._due_ns = carried.by_module(self._due_ns)
 
     def is_due(self, module: int, now_ns: int) -> bool:
         """Tell whether the output of a module is to be echoed now; the answer True counts as an echo."""

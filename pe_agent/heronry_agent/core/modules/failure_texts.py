@@ -8,10 +8,12 @@ after an EMCY has reported the failure. The texts come from the code of modules,
 except printable ASCII are escaped first (`failure_text`).
 """
 
+from heronry_agent.core.carried_over import CarriedOver
 from heronry_agent.core.vocabulary import Failure
 from heronry_wire.failure_text import plain_reason, plain_traceback
 
 _NONE = Failure("")
+_MOST_NAMES = 4
 
 
 class FailureTexts:
@@ -29,3 +31,14 @@ class FailureTexts:
     def last(self, module: int) -> Failure:
         """Return the last failure of a module; a Failure with empty texts if the module has not failed."""
         return self._last.get(module, _NONE)
+
+    def carry_over(self, carried: CarriedOver) -> None:
+        """Keep the failures of the modules that another table has, too."""
+        named = carried.named_modules
+        self._last = {named[module]: failure for module, failure in self._last.items() if module in named}
+
+
+def with_names(modules: list[str]) -> str:
+    """Name the first few modules of a partition, as a part of a sentence: ", with A, B and 2 more,"."""
+    more = f" and {len(modules) - _MOST_NAMES} more" if len(modules) > _MOST_NAMES else ""
+    return f", with {', '.join(modules[:_MOST_NAMES])}{more}," if modules else ""

@@ -16,6 +16,7 @@ wherever its producer runs: a FLOAT has single precision everywhere.
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
+from heronry_agent.core.carried_over import CarriedOver
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.module import Datum, Value
 from heronry_wire.canaerospace import HEADER_BYTES, Status, Validity, decode_payload, read_header, unpack_status
@@ -30,7 +31,7 @@ _TRUSTED = (Validity.NOT_STATED, Validity.VALID, Validity.DEGRADED)
 class Mailbox:
     """The last datum of one source, from the one PE that produces the source."""
 
-    __slots__ = ("_data", "_length", "_max_age_ns", "_status", "_time_ns", "_type_code", "_value", "node")
+    __slots__ = ("_data", "_length", "_status", "_time_ns", "_type_code", "_value", "max_age_ns", "node")
 
     def __init__(self, node: int, type_code: int, payload_bytes: int, max_age_ns: int) -> None:
         """Describe the data frames of a source.
@@ -43,7 +44,7 @@ class Mailbox:
         self.node = node
         self._type_code = type_code
         self._length = HEADER_BYTES + payload_bytes
-        self._max_age_ns = max_age_ns
+        self.max_age_ns = max_age_ns
         self._time_ns: int | None = None
         self._data = b""
         self._status = Status(1, Validity.NOT_STATED)
@@ -79,7 +80,7 @@ class Mailbox:
         if self._time_ns is None or not best <= self._status.version <= worst:
             return None
         age_ns = now_ns - self._time_ns
-        if age_ns > self._max_age_ns:
+        if age_ns > self.max_age_ns:
             return None
         if self._value is None:
             value = decode_payload(self._type_code, self._data[HEADER_BYTES:])
@@ -104,6 +105,10 @@ class Mailboxes:
         self._index = index
         self.boxes: dict[int, Mailbox] = {}
         self._wires: dict[int, tuple[_Wire, ...]] = {}
+
+    def carry_over(self, carried: CarriedOver) -> None:
+        """Keep the datum of each source that another table has, too; the caller rewires the leaves afterwards."""
+        self.boxes, self._wires = carried.by_source(self.boxes), {}
 
     def rewire(self, wanted: Slice) -> None:
         """Make the mailboxes that a new slice needs, and wire the leaves of its modules to them.
@@ -138,11 +143,11 @@ class Mailboxes:
         return usable.issuperset(named)
 
     def _box(self, source: int, node: int) -> Mailbox:
-        held = self.boxes.get(source)
-        if held is not None and held.node == node:
-            return held
-        data_type = self._index.types[source]
+        held, data_type = self.boxes.get(source), self._index.types[source]
         max_age_ns = FRESH_PERIODS * self._index.table.sources[source].period_ns
+        if held is not None and held.node == node:
+            held.max_age_ns = max_age_ns
+            return held
         return Mailbox(node, data_type, data_type.payload_bytes, max_age_ns)
 
     def _wires_of(self, module: int, mode: int, sources: tuple[int | None, ...]) -> list[_Wire]:

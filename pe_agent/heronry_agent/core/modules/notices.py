@@ -25,6 +25,10 @@ class Notices:
         self._turn, self._index = turn, index
         self._sent_ns: dict[tuple[int, FaultCode], int] = {}  # by module and code
 
+    def forget(self) -> None:
+        """Forget what was sent: with another table modules have other indices."""
+        self._sent_ns.clear()
+
     def send(self, module: int, code: FaultCode, detail: int) -> bool:
         """Send a notice about a module, unless one with this code was sent in the last second; tells whether it was."""
         now_ns = self._turn.now_ns

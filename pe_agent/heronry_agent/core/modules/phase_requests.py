@@ -33,8 +33,10 @@ another PE before. So a rule whose condition still holds fires again. The manage
 present one is an origin of the rule.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from heronry_agent.core.carried_over import CarriedOver
 from heronry_agent.core.reports import Faults
 from heronry_agent.core.step_times import NS_MHZ
 from heronry_agent.core.table_index import TableIndex
@@ -89,9 +91,23 @@ class PhaseRequests:
         self._requested: dict[int, int] = {}  # phase that each module requested last
         self._standing: int | None = None  # module whose request is the last one of this PE
         self._standing_watch: _Watch | None = None  # the rule that has made this request; None: the module itself
-        phases = enumerate(index.table.phases)
-        self._returns = any(origin > phase for phase, rule in phases for origin in rule.origins)  # a rule may lead back
+        self._returns = self._may_return()
         self._phase: int | None = None  # the phase that the manager told last
+
+    def _may_return(self) -> bool:
+        """Tell whether a rule may lead back to an earlier phase."""
+        return any(origin > phase for phase, rule in enumerate(self._index.table.phases) for origin in rule.origins)
+
+    def carry_over(self, carried: CarriedOver, modes: Mapping[int, int]) -> None:
+        """Check the rules of another table; `modes`: mode of each module that goes on. All rules are armed again."""
+        phases, modules = carried.phases, carried.modules
+        requested = carried.by_module(self._requested)
+        self._requested = {module: phases[phase] for module, phase in requested.items() if phase in phases}
+        self._standing, self._standing_watch = modules.get(-1 if self._standing is None else self._standing), None
+        self._phase, self._returns = phases.get(-1 if self._phase is None else self._phase), self._may_return()
+        self._watches.clear()
+        for module, mode in modes.items():
+            self.started(module, mode)
 
     def started(self, module: int, mode: int) -> None:
         """Begin to check the phase rules of the variables that a module gives in this mode."""

@@ -14,6 +14,7 @@ term begins, the PE sends its standing requests again. Each request keeps its nu
 twice. A restart of the PE drops its requests; the manager keeps the priorities.
 """
 
+from heronry_agent.core.carried_over import CarriedOver
 from heronry_agent.core.reports import Faults
 from heronry_wire.frame import Frame
 
@@ -37,6 +38,19 @@ class PriorityRequests:
         wanted[function] = priority
         self._standing[function] = module
         return self._faults.request_priority(function, priority, now_ns)
+
+    def carry_over(self, carried: CarriedOver) -> None:
+        """Keep the requests of modules that go on for functions that another table has, too."""
+        functions = carried.functions
+        self._requested = {
+            module: {functions[function]: priority for function, priority in of.items() if function in functions}
+            for module, of in carried.by_module(self._requested).items()
+        }
+        self._standing = {
+            functions[function]: carried.modules[module]
+            for function, module in self._standing.items()
+            if function in functions and module in carried.modules
+        }
 
     def stopped(self, module: int) -> None:
         """Withdraw the requests of a module that stops."""

@@ -13,6 +13,7 @@ or has to be started again. Until then another branch must not move:
 A late or doubled AtRest changes nothing. A restart of the agent forgets all: its devices begin with the safe action.
 """
 
+from heronry_agent.core.carried_over import CarriedOver
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_wire.sansio import NEVER_NS
@@ -58,6 +59,13 @@ class Rests:
         if self._moving.pop(module, None) is not None and not self._moving:
             self._waiting.clear()
             self._turn.wants_page_0 = True
+
+    def carry_over(self, carried: CarriedOver) -> None:
+        """Take the indices of another table; for the device of a module that it does not have nothing is awaited."""
+        named, moving = carried.named_modules, self._moving
+        self._moving = {named[module]: until_ns for module, until_ns in moving.items() if module in named}
+        self._waiting = {named[module] for module in self._waiting if module in named}
+        self.slow = frozenset(named[module] for module in self.slow if module in named)
 
     def tick(self) -> None:
         """Wait no longer for devices that have not come to rest in time."""

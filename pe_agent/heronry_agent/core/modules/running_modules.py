@@ -33,10 +33,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from heronry_agent.core.authority import OutputAuthorization
+from heronry_agent.core.carried_over import CarriedOver
 from heronry_agent.core.checkpoints import Checkpoints
 from heronry_agent.core.configuration import ActiveConfiguration, Moves
+from heronry_agent.core.modules.chains import chains
 from heronry_agent.core.modules.echo_pace import EchoPace
-from heronry_agent.core.modules.failure_texts import FailureTexts
+from heronry_agent.core.modules.failure_texts import FailureTexts, with_names
 from heronry_agent.core.modules.mailboxes import Mailboxes
 from heronry_agent.core.modules.notices import Notices
 from heronry_agent.core.modules.phase_requests import PhaseRequests
@@ -75,7 +77,6 @@ from heronry_wire.management import EVERYWHERE, SPECS_PRIORITY, ElementKind, Fau
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import Send, require
 
-_MOST_NAMES = 4
 EVALUATED_AFTER_NS = 1_000_000_000
 
 
@@ -102,7 +103,7 @@ class RunningModules:
         self._output_authorization = output_authorization
         self._running: dict[int, _Running] = {}
         self._publish: dict[int, tuple[int, ...]] = {}  # ports of each source
-        self._publisher = Publisher(index)
+        self.publisher = Publisher(index)
         self.echoes = EchoPace(index.table)
         self.mailboxes = Mailboxes(index)
         self.schedule = Schedule()
@@ -133,12 +134,30 @@ class RunningModules:
             self._wire(wanted, rewire=moves.rewire)
         for module, mode in moves.start:
             self._start(module, mode)
-        self._take_stock()
+        self.take_stock()
+
+    def carry_over(self, carried: CarriedOver) -> None:
+        """Take the indices of another table, whose contents `index` has now; only modules that go on run."""
+        modes = {module: one.mode for module, one in carried.by_module(self._running).items()}
+        self._running = {module: self._entered(module, mode) for module, mode in modes.items()}
+        self._lacking = {carried.named_modules[m] for m in self._lacking if m in carried.named_modules}
+        self.schedule.renumber(carried.modules)
+        self.restarts.renumber(carried.modules)
+        self.faults.renumber(carried.element)
+        self.echoes.carry_over(self._index.table, carried)
+        self.mailboxes.carry_over(carried)
+        self.rests.carry_over(carried)
+        self.failures.carry_over(carried)
+        self.phase_requests.carry_over(carried, modes)
+        self._priority_requests.carry_over(carried)
+        self._notices.forget()
+        self.silences.carry_over()
+        self.checkpoints.carry_over(carried)
 
     def _wire(self, wanted: Slice, *, rewire: bool) -> None:
         if rewire:
             self.mailboxes.rewire(wanted)
-            self.schedule.chain(self._chains(wanted))
+            self.schedule.chain(chains(self._index, wanted))
             self.silences.rewire(wanted, self._turn.now_ns)
         self._publish = {
             source: tuple(port for port in self._index.ports if mask >> port & 1)
@@ -181,7 +200,7 @@ class RunningModules:
         running = self._running[event.module]
         self._drive(running, event.writes)
         if running.entry.silent_output and self.echoes.is_due(event.module, self._turn.now_ns):
-            self._turn.do(Send(self._index.uplink, self._publisher.output_echo(event.module, running.mode)))
+            self._turn.do(Send(self._index.uplink, self.publisher.output_echo(event.module, running.mode)))
         for element, detail in event.reports:
             self._report(running, element, detail)
         for phase in event.phases:
@@ -208,8 +227,8 @@ class RunningModules:
         running = self._running.get(event.module)
         if running is None or not self.echoes.is_due(event.module, self._turn.now_ns):
             return
-        echo = self._publisher.echo(running.entry.device or "", event.value)
-        self._turn.do(Send(self._index.uplink, echo or self._publisher.output_echo(event.module, running.mode)))
+        echo = self.publisher.echo(running.entry.device or "", event.value)
+        self._turn.do(Send(self._index.uplink, echo or self.publisher.output_echo(event.module, running.mode)))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
         """Restart or give up each module that has failed; if its module was stopped, a failed step is only counted."""
@@ -224,7 +243,8 @@ class RunningModules:
             case DriveFailed(module, reason):
                 self._failed(module, Failure(reason))
             case PartitionEnded(partition, reason, computing):  # pragma: no branch - nothing else is left
-                words = f"partition {partition}{self._with_names(partition)} ended: {reason}"
+                names = [self._index.modules[module].name for module in self.schedule.in_partition(partition)]
+                words = f"partition {partition}{with_names(names)} ended: {reason}"
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
 
     def not_ready(self, event: NotReady) -> None:
@@ -266,7 +286,7 @@ class RunningModules:
         name, reason = self._running[module].entry.name, self.failures.found(module, failure)
         self._stop(module)
         self.restarts.forget(module)
-        self._take_stock()
+        self.take_stock()
         self._turn.note("fault", f"module {name} is stopped: {reason}")
         self._found(code, ElementKind.MODULE, module, 0)
 
@@ -328,10 +348,6 @@ class RunningModules:
         if cleared:
             self.carry_out(self._active_configuration.forgive(cleared), None)
 
-    def heard_echo(self, frame: Frame) -> tuple[str, float] | None:
-        """Decode another PE's output echo into (device, value); None if the frame is no such echo."""
-        return self._publisher.heard(frame)
-
     def validate(self) -> None:
         """Check that exactly the modules run that the reconfiguration wants; raises InvariantError."""
         modes = {module: running.mode for module, running in self._running.items()}
@@ -344,10 +360,13 @@ class RunningModules:
         require(scheduled | self.restarts.waiting == modes.keys(), "scheduled {}, running {}", scheduled, modes)
 
     def _start(self, module: int, mode: int) -> None:
+        self._running[module] = self._entered(module, mode)
+        self._begin(module)
+
+    def _entered(self, module: int, mode: int) -> _Running:
         entry = self._index.modules[module]
         gives = {v: (self._index.source_of[entry.name, v], q) for v, q in entry.modes[mode].gives.items()}
-        self._running[module] = _Running(entry, mode, gives)
-        self._begin(module)
+        return _Running(entry, mode, gives)
 
     def _begin(self, module: int) -> None:
         """Request that a module is built, or continues in a new mode; its first step is due now."""
@@ -377,32 +396,12 @@ class RunningModules:
 
         culprit: index of the module that counts as failed; None: every module of the partition does.
         """
-        for module in self._lived(partition):
+        for module in self.schedule.in_partition(partition):
             if culprit in (None, module):
                 self._failed(module, Failure(reason), code)
             else:
                 self._halt(module)
                 self.restarts.begin_at(module, self._turn.now_ns)
-
-    def _lived(self, partition: str) -> list[int]:
-        return [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
-
-    def _with_names(self, partition: str) -> str:
-        """Name the first few modules of a partition, as a part of a sentence: ", with A, B and 2 more,"."""
-        names = [self._index.modules[module].name for module in self._lived(partition)]
-        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-        return f", with {', '.join(names[:_MOST_NAMES])}{more}," if names else ""
-
-    def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
-        """Map the index of each module that reads from modules on this PE to the indices of those modules."""
-        here = {self._index.modules[module.module].name: module.module for module in wanted.modules}
-        chains = {}
-        for module in wanted.modules:
-            local = (source for source in module.sources if source is not None and source not in wanted.remote)
-            producers = frozenset(here[self._index.table.sources[source].module] for source in local)
-            if producers:
-                chains[module.module] = producers
-        return chains
 
     def _drive(self, running: _Running, writes: tuple[Value, ...]) -> None:
         """Execute the commands of a module to its device; those of a DEMUX branch only if it is authorized now."""
@@ -412,11 +411,11 @@ class RunningModules:
             return
         self._turn.do(*(Drive(running.entry.index, value) for value in writes))
 
-    def _take_stock(self) -> None:
+    def take_stock(self) -> None:
         """Recompute the load, and whether this PE has exclusive outputs, after a change of the running modules."""
+        exclusive = self._index.movable.intersection(self._publish)
         self.has_exclusive_output = any(
-            r.entry.demux or (r.entry.movable and any(source in self._publish for source, _ in r.gives.values()))
-            for r in self._running.values()
+            r.entry.demux or any(source in exclusive for source, _ in r.gives.values()) for r in self._running.values()
         )
         cpu_millis = sum(r.entry.modes[r.mode].cpu_millis for r in self._running.values())
         self.load_percent = 100 * cpu_millis // max(self._index.table.cpu_millis, 1)
@@ -430,10 +429,10 @@ class RunningModules:
             self._turn.count("output that the mode does not give", running.entry.index)
             return
         source, version = running.gives[variable]
-        self._put_out(source, self._publisher.datum(source, version, value), running)
+        self._put_out(source, self.publisher.datum(source, version, value))
         self._tell(self.phase_requests.gave(running.entry.index, variable, value, self._turn.now_ns))
 
-    def _put_out(self, source: int, frame: Frame, running: _Running) -> None:
+    def _put_out(self, source: int, frame: Frame) -> None:
         """Store a datum in the mailbox of its source, and send it on the buses that the slice names, if authorized."""
         box = self.mailboxes.boxes.get(source)
         if box is not None:
@@ -442,13 +441,13 @@ class RunningModules:
         if not ports:
             return
         until_ns = None
-        if running.entry.movable:
+        if source in self._index.movable:
             until_ns = self._output_authorization.identifiers_until_ns(self._turn.now_ns)
             if until_ns is None:
                 self._turn.count("frame held", frame.can_id)
                 self._held_ns = self._turn.now_ns
                 return
-        self._publisher.sent(frame)
+        self.publisher.sent(frame)
         self._turn.do(*(Send(port, frame, until_ns) for port in ports))
 
     def _report(self, running: _Running, element: str, detail: int) -> None:

@@ -99,6 +99,10 @@ class Schedule:
         """Modules that are scheduled."""
         return self._grids.keys()
 
+    def in_partition(self, partition: str) -> list[int]:
+        """Return the scheduled modules of a partition, in the order of the spec."""
+        return sorted(grid.module for grid in self._grids.values() if grid.partition == partition)
+
     def start(self, module: int, rate_mhz: int, now_ns: int, partition: str = "") -> None:
         """Schedule a module; its first step is due now.
 
@@ -114,6 +118,19 @@ class Schedule:
         grid = self._grids.pop(module, None)
         if grid is not None:
             self._forget(grid)
+        self._next_ns = None
+
+    def renumber(self, modules: Mapping[int, int]) -> None:
+        """Give the modules that go on other indices; steps under way, and their answers, stay what they are."""
+        for grid in self._grids.values():
+            grid.module = modules[grid.module]
+        self._grids = {grid.module: grid for grid in self._grids.values()}
+        for partition, steps in self._steps.items():
+            self._steps[partition] = {modules[module]: step for module, step in steps.items()}
+            for module, step in self._steps[partition].items():
+                step.module = module
+        self._due_ns = {modules[module]: due_ns for module, due_ns in self._due_ns.items() if module in modules}
+        self.overruns = Counter({modules[m]: times for m, times in self.overruns.items() if m in modules})
         self._next_ns = None
 
     def chain(self, producers: Mapping[int, frozenset[int]]) -> None:

@@ -88,16 +88,26 @@ class SilenceWatch:
         self._reports = reports
         self._paused_ns = _PAUSED_PERIODS * period_ns
         self._variables = {variable: number for number, variable in enumerate(index.table.variables)}
+        self._index_of = {entry.name: module for module, entry in index.modules.items()}
         self._inputs: tuple[_Input, ...] = ()
         self._since_ns = 0  # no clock starts before
         self._looked_ns = 0
         self._next_ns = NEVER_NS
-        self._index_of = {entry.name: module for module, entry in index.modules.items()}
         self.heard_ns: dict[
             int, int
         ] = {}  # by identifier of its states: when another PE last named the epoch of this PE
         self.withholding: dict[int, dict[str, int]] = {}  # by module: outputs left out, each since when
         self._begun_ns: dict[int, int] = {}  # by module
+
+    def carry_over(self) -> None:
+        """Begin anew with another table, whose contents `index` has now: silences are found again."""
+        self._variables = {variable: number for number, variable in enumerate(self._index.table.variables)}
+        self._index_of = {entry.name: module for module, entry in self._index.modules.items()}
+        self._inputs = ()
+        for key in self._reports.silent():
+            self._reports.drop(*key)
+        self.withholding.clear()
+        self._begun_ns.clear()
 
     def rewire(self, wanted: Slice, now_ns: int) -> None:
         """Watch the inputs of a new slice; the mailboxes have been rewired before."""

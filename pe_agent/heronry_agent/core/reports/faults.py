@@ -39,7 +39,7 @@ forged acknowledgement, the fault is not reported for a second. A restart of the
 keeps its own record.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from heronry_agent.core.reports.error_history import ErrorHistory
@@ -99,6 +99,34 @@ class Faults:
     def is_asking(self) -> bool:
         """Tell whether a phase request has not been acknowledged yet."""
         return any(code is FaultCode.PHASE_REQUEST for code, _, _ in self._pending)
+
+    def renumber(self, element: Callable[[ElementKind, int], int | None]) -> None:
+        """Give all elements the indices that they have in another table; what it does not have is forgotten.
+
+        element: returns the new index of an element, None: it has none.
+        """
+
+        def other(emergency: Emergency) -> Emergency | None:
+            found = element(emergency.kind, emergency.index)
+            return None if found is None else replace(emergency, index=found)
+
+        pending = [(at_ns, other(emergency)) for at_ns, emergency in self._pending.values()]
+        self._pending = {_key(emergency): (at_ns, emergency) for at_ns, emergency in pending if emergency is not None}
+        told = [(other(emergency), at_ns) for emergency, at_ns in self._told.values()]
+        self._told = {(one.kind, one.index): (one, at_ns) for one, at_ns in told if one is not None}
+        self._quiet_until_ns.clear()
+        self._request = None if self._request is None else other(self._request)
+        requests = [other(request) for request in self._priorities.values()]
+        self._priorities = {one.index // PRIORITY_REQUEST_NUMBERS: one for one in requests if one is not None}
+        numbers = self._priority_numbers
+        self._priority_numbers = {
+            found // PRIORITY_REQUEST_NUMBERS: number
+            for function, number in numbers.items()
+            if (found := element(ElementKind.PRIORITY, function * PRIORITY_REQUEST_NUMBERS)) is not None
+        }
+        self._announced, self._announced_until_ns = None, NEVER_NS
+        self.changes += 1
+        self._find_next()
 
     def messages(self) -> list[bytes]:
         """Return the EMCYs that are pending, as bytes: the oldest first, an announcement last."""

@@ -32,7 +32,7 @@ from heronry_agent.shell.devices import Devices
 from heronry_agent.shell.module_runner import ModuleRunner
 from heronry_agent.shell.start_orders import orders_of
 from heronry_tools.sim.world.other_code import find_version, other_version
-from heronry_wire.pe_table import PeTable
+from heronry_wire.pe_table import ModuleEntry, PeTable
 
 
 class ModuleHost:
@@ -50,6 +50,15 @@ class ModuleHost:
         self._runner = ModuleRunner(lambda: self._now_ns, find=find_version)
         failures = ((image, self._runner.load(image)) for image in sorted({entry.image for entry in table.modules}))
         self.missing_images = {image: failure.reason for image, failure in failures if failure is not None}
+
+    def add(self, modules: Collection[ModuleEntry]) -> dict[str, str]:
+        """Load the images of more modules; returns those that cannot be loaded, with the reasons.
+
+        modules: with the numbers by which actions will name them.
+        """
+        self._partitions |= {module.index: module.partition for module in modules}
+        failures = ((image, self._runner.load(image)) for image in sorted({entry.image for entry in modules}))
+        return {image: failure.reason for image, failure in failures if failure is not None}
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
         """Execute an action on modules or their devices; return the event for the core, None if there is none."""

@@ -19,7 +19,6 @@ from typing import Protocol
 
 from heronry_agent.core.vocabulary import (
     Action,
-    Event,
     MeasureStep,
     ModuleEvent,
     StartModule,
@@ -33,7 +32,7 @@ from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.module_host import ModuleHost
 from heronry_tools.sim.world.steps_seen import Driven, Withheld
-from heronry_wire.pe_table import PeTable
+from heronry_wire.pe_table import ModuleEntry, PeTable
 
 OVERRUN_NS = 30_000_000
 SILENT = "silent "  # in `broken`: the module leaves out the output whose number, from 1, follows; 0: all of them
@@ -54,11 +53,11 @@ class Processor(Protocol):
     def pause(self, duration_ns: int) -> None:
         """Pause the processor for `duration_ns` from now on."""
 
-    def give(self, answer: Event) -> None:
-        """Give the core of the PE the answer to a request that the core has made earlier."""
+    def answer(self, answer: ModuleEvent) -> None:
+        """Give the core of the PE the late answer of a module."""
 
-    def put_off(self, actions: Sequence[Action]) -> None:
-        """Execute these actions when the pause of the processor ends."""
+    def put_off_steps(self, steps: Sequence[StepModule]) -> None:
+        """Execute these steps when the pause of the processor ends."""
 
 
 class ModuleSteps:
@@ -93,16 +92,23 @@ class ModuleSteps:
         self._gives: dict[int, Collection[str]] = {}  # by running module: the outputs of its mode
         self._broken, self._broke = broken, broke
         self._pe = table.name
-        self.names = {module.index: module.name for module in table.modules}
-        actuators = {device.name for device in table.devices if device.kind == "actuator"}
-        self._drivers = {m.index: m.name for m in table.modules if m.demux or m.device in actuators}
-        self._partitions = {module.index: module.partition for module in table.modules}
+        self.names: dict[int, str] = {}
+        self._drivers: dict[int, str] = {}
+        self._partitions: dict[int, str] = {}
+        self.add(table, table.modules)
         self._others = 0  # count of steps of modules that drive nothing
         self.stuck = False  # steps do not end
         self.slow: Random | None = None  # draws how long a step takes
         self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step that hangs, and when that began
         self._behind: dict[str, list[StepModule]] = {}  # by late partition: steps that wait
         self._requested_ns: dict[int, int] = {}  # by release of a step that waits: when it was requested
+
+    def add(self, table: PeTable, modules: Collection[ModuleEntry]) -> None:
+        """Execute steps of more modules of a table, which have the numbers by which actions will name them."""
+        actuators = {device.name for device in table.devices if device.kind == "actuator"}
+        self.names |= {module.index: module.name for module in modules}
+        self._drivers |= {m.index: m.name for m in modules if m.demux or m.device in actuators}
+        self._partitions |= {module.index: module.partition for module in modules}
 
     def step(self, action: StepModule) -> ModuleEvent | None:
         """Execute a step of a module, with the faults of this PE; return the event that answers the step.
@@ -167,7 +173,7 @@ class ModuleSteps:
         for action, _ in hung.values():
             answer = self._host.carry_out(action, self._time.now_ns())
             assert answer is not None
-            self._processor.give(answer)
+            self._processor.answer(answer)
 
     def _tell(self, action: StepModule, now_ns: int, requested_ns: int) -> None:
         driver = self._drivers.get(action.module)
@@ -218,17 +224,17 @@ class ModuleSteps:
 
         The waiting steps are dropped if their partition has ended, and put off if the processor is paused.
         """
-        self._processor.give(late)
+        self._processor.answer(late)
         partition = self._partitions[late.module]
         if self._behind.get(partition) is behind:
             del self._behind[partition]
             if not self._processor.is_awake:
-                self._processor.put_off(behind)
+                self._processor.put_off_steps(behind)
                 return
             for action in behind:
                 answer = self.step(action)
                 if answer is not None:
-                    self._processor.give(answer)
+                    self._processor.answer(answer)
 
 
 def _without(outputs: Mapping[str, Value], number: int, of_mode: Collection[str]) -> Mapping[str, Value]:

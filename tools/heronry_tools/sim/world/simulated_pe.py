@@ -13,6 +13,7 @@ from functools import partial
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authority import Secret
+from heronry_agent.core.carried_over import read_beside
 from heronry_agent.core.vocabulary import (
     Action,
     ChannelsLost,
@@ -25,15 +26,19 @@ from heronry_agent.core.vocabulary import (
     Left,
     MeasureStep,
     ModuleEvent,
+    PrepareTable,
     StartModule,
     StateEvent,
     StateRestored,
     StateSaved,
     StepModule,
+    SwitchTable,
+    TablePrepared,
     WriteProgram,
 )
 from heronry_agent.module import Module
 from heronry_agent.shell.devices import Devices
+from heronry_agent.shell.module_numbers import ModuleNumbers
 from heronry_dg.echo_rates import MOST_ECHOES_PER_S
 from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.world.bus import SimulatedBus
@@ -50,7 +55,7 @@ from heronry_tools.sim.world.simulated_loader import SimulatedLoader
 from heronry_tools.sim.world.steps_seen import Driven, Moved, StateSeen, Withheld
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
-from heronry_wire.pe_table import PeTable
+from heronry_wire.pe_table import PeTable, TableError
 from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
@@ -82,6 +87,7 @@ class SimulatedPe(Node):
         lacks: frozenset[str] = frozenset(),
         other_code: Collection[str] = (),
         loader: Callable[[Callable[[ModuleEvent], None]], SimulatedLoader] | None = None,
+        switched: Callable[[PeTable], None] = lambda _: None,
     ) -> None:
         """Join the buses of the PE's table, and start the PE.
 
@@ -97,14 +103,17 @@ class SimulatedPe(Node):
         witness: is called with every copy of a frame on a replicated bus
         lacks: modules whose code is missing on this PE
         other_code: images of which this PE has another version now; may change later
+        switched: is called with the table by which the PE flies from now on, when it has changed in flight
         loader: makes the loader of this PE from the function to which it gives its answers; None: it has none
         """
         super().__init__(clock, time)
         self.name = table.name
         self._move, self._state = move, state
         devices = {module.device for module in table.modules if module.device is not None}
-        plant = Devices(table, dict.fromkeys(devices, PlantView(world, clock)))
-        self._host = ModuleHost(table, plant, other_code)
+        self._plant = PlantView(world, clock)
+        self._open = Devices(table, dict.fromkeys(devices, self._plant))
+        self._host = ModuleHost(table, self._open, other_code)
+        self._numbers, self._switched = ModuleNumbers(table), switched
         self._images = {module.name: module.image for module in table.modules}
         self._loader = None if loader is None else loader(self.give)
         has_code = self._loader is not None and self._loader.program.version > 0
@@ -119,6 +128,7 @@ class SimulatedPe(Node):
             secret=secret,
             every_echo=has_room,
             program=None if self._loader is None else self._loader.program,
+            takes_tables=True,
         )
         self.steps = ModuleSteps(
             clock,
@@ -174,8 +184,8 @@ class SimulatedPe(Node):
 
         Return None if the module does not run on this PE.
         """
-        found = next((index for index, name in self.steps.names.items() if name == module), None)
-        return None if found is None else self._host.code(found)
+        numbers = (number for number, name in self.steps.names.items() if name == module)
+        return next((code for number in numbers if (code := self._host.code(number)) is not None), None)
 
     def jump(self, ahead_ns: int) -> None:
         """Let the PE's clock jump ahead by `ahead_ns`."""
@@ -192,6 +202,17 @@ class SimulatedPe(Node):
         else:
             self._carry_out(self.core.step(self.time.now_ns(), answer))
             self._wake()
+
+    def answer(self, answer: ModuleEvent) -> None:
+        """Give the core the late answer of a module, which `steps` knows by its number."""
+        about = self._numbers.outward(answer)
+        if about is not None:
+            self.give(about)
+
+    def put_off_steps(self, steps: Sequence[StepModule]) -> None:
+        """Execute steps of modules, which `steps` knows by their numbers, when the pause of the processor ends."""
+        indices = [(step, self._numbers.index(step.module)) for step in steps]
+        self.put_off([step._replace(module=index) for step, index in indices if index is not None])
 
     def put_off(self, actions: Sequence[Action]) -> None:
         """Execute these actions when the pause of the processor ends."""
@@ -261,7 +282,6 @@ class SimulatedPe(Node):
                 self._answers += [*states, answer]
                 return
             if isinstance(answer, StateEvent):
-                self._tell_state(action, answer)
                 states.append(answer)
             else:
                 self._carry_out(self.core.step(self.time.now_ns(), answer))
@@ -269,7 +289,7 @@ class SimulatedPe(Node):
             self.give(answer)
 
     def _tell_state(self, action: Action, answer: StateEvent) -> None:
-        """Report a state that was saved or restored; `action` is the order that `answer` answers."""
+        """Report a state that was saved or restored; `action` is the order that `answer` answers, both by numbers."""
         now_ns, module = self._clock.now_ns, self.steps.names[answer.module]
         code = self._host.code(answer.module)
         version = "" if code is None else version_of(code)
@@ -282,6 +302,34 @@ class SimulatedPe(Node):
             self._state(seen)
 
     def _do(self, action: Action) -> ModuleEvent | None:
+        if isinstance(action, PrepareTable):
+            return self._prepared(action)
+        if isinstance(action, SwitchTable):
+            self._numbers.switch(action.table)
+            self._switched(action.table)
+            return None
+        numbered = self._numbers.inward(action)
+        answer = self._do_by_number(numbered)
+        if isinstance(answer, StateEvent):
+            self._tell_state(numbered, answer)
+        return None if answer is None else self._numbers.outward(answer)
+
+    def _prepared(self, action: PrepareTable) -> TablePrepared:
+        """Read and prepare a table that has come beside the one that flies, as a node does (`table_preparing`)."""
+        try:
+            table = read_beside(action.text, self.core.table, action.number)
+        except TableError as error:
+            return TablePrepared(None, problem=str(error))
+        numbers, added = self._numbers.of(table)
+        devices = {module.device for module in added if module.device is not None}
+        self._open.add(table, added, dict.fromkeys(devices, self._plant))
+        missing = self._host.add(added)
+        self.steps.add(table, added)
+        self._images |= {module.name: module.image for module in added}
+        self._numbers.put_beside(table, numbers)
+        return TablePrepared(table, missing)
+
+    def _do_by_number(self, action: Action) -> ModuleEvent | None:
         if type(action) is StepModule:
             return self.steps.step(action)
         if type(action) is Drive:
