@@ -66,6 +66,8 @@ def test_a_system_that_is_well_has_none(status: Status) -> None:
             "module",
             "module:control failed on left",
         ),
+        (lambda s: s.update(tables={"left": "its turn comes"}), "tables", "left waits for its table: its turn comes"),
+        (lambda s: s.update(code={"left": "nav, version 3"}), "code", "left lacks code: nav, version 3"),
         (lambda s: s["links"].update(radio={"state": "gone", "limit": 1000, "delivered": 0}), "radio", "is gone"),
         (lambda s: s["links"].update(radio={"state": "up", "limit": 400, "delivered": 55}), "radio", "40 %"),
         (lambda s: s["channels"].update({"can0.1": ["left"]}), "channels", "carries nothing"),

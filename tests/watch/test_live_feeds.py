@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -22,6 +23,7 @@ from heronry_tools.console.spec_files import load_spec
 from heronry_tools.watch import live_feeds
 from heronry_tools.watch.live_feeds import FollowedManager
 from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.snapshot import Stranger, Transfer
 
 SPEC = load_spec("big_blue")
 PATIENCE_S = 30.0
@@ -33,6 +35,39 @@ def status(t_ns: int = 5, spec_digest: str = SPEC.digest) -> Status:
     told = {**core.status(), "spec_digest": spec_digest}
     place = Place("can0", "softbus", "/no/such.sock")
     return Status(t_ns, told, plan=None, bus=place, file=str(shipped_spec_path("big_blue")))
+
+
+def status_of_what_comes() -> Status:
+    """What a manager says while a table, code and nodes are coming."""
+    offer = {"version": "1", "python": "3.11", "machine": "arm64", "cores": 4, "ram_kib": 2048, "disk_kib": 4096}
+    coming = {
+        "tables": {"flight": "its table: 512 of 1024 bytes", "nav": "its turn comes"},
+        "code": {"comms": "no bundle"},
+        "transfers": [{"pe": "flight", "bytes": 512, "of": 1024}],
+        "unknown_nodes": [
+            {"node": 101, "says": "waits", "for_ns": 1, "offer": offer | {"images": ["a", "b"]}},
+            {"node": 102, "says": "runs", "for_ns": 1, "offer": {"cores": -1}},
+            {"node": 103, "says": "runs", "for_ns": 1},
+        ],
+    }
+    return replace(status(), status={**status().status, **coming})
+
+
+def test_a_status_gives_the_snapshot_what_is_coming() -> None:
+    event = status_of_what_comes()
+    reducer = Reducer(SPEC)
+    view = reducer.after(reducer.start(), event).snapshot
+    assert view.transfers == (
+        Transfer("flight", "table", "its table: 512 of 1024 bytes", 50),
+        Transfer("nav", "table", "its turn comes"),
+        Transfer("comms", "code", "no bundle"),
+    )
+    has = "arm64, 4 cores, 2 MiB of memory, 4 MiB of disk, Python 3.11, heronry 1"
+    assert view.strangers == (
+        Stranger(101, "waits", has, ("a", "b"), "heronry adopt big_blue 101"),
+        Stranger(102, "runs"),
+        Stranger(103, "runs"),
+    )
 
 
 @contextmanager

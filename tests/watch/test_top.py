@@ -17,7 +17,7 @@ from textual.widgets import Input, Static
 from heronry_manager.events.line import to_line
 from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.reducer import Reducer
-from heronry_tools.watch.snapshot import Plant
+from heronry_tools.watch.snapshot import Plant, Stranger, Transfer
 from heronry_tools.watch.top import panels
 from heronry_tools.watch.top.app import REPAINT_S, Reading, TopApp
 from heronry_tools.watch.top.panels import Look
@@ -192,6 +192,22 @@ def test_what_is_not_known_is_shown_as_that() -> None:
     assert "none yet" in str(panels.reconfigurations(view, Look())[-1])
     assert "nothing yet" in str(panels.events(view, Look(), 5)[0])
     assert list(panels.details(view, Look()))[-1].endswith("nothing runs yet")
+
+
+def test_what_is_coming_is_in_the_head() -> None:
+    view = Reducer(big_blue().spec).start().snapshot
+    assert panels.coming(view) == []
+    transfers = (Transfer("flight", "table", "its table: 512 of 1024 bytes", 50), Transfer("nav", "code", "no bundle"))
+    strangers = (Stranger(101, "waits for a table", "arm64, 4 cores", ("a",), "heronry adopt big_blue 101"),)
+    coming = replace(view, transfers=transfers, strangers=(*strangers, Stranger(102, "runs for another system")))
+    lines = [
+        "flight waits for 50 % of its table: its table: 512 of 1024 bytes",
+        "nav waits for its code: no bundle",
+        "node 101 is not in the spec: it waits for a table (arm64, 4 cores): heronry adopt big_blue 101",
+        "node 102 is not in the spec: it runs for another system",
+    ]
+    assert panels.coming(coming) == lines
+    assert [str(line)[2:] for line in panels.head(coming)[1:5]] == lines
 
 
 def test_a_plant_has_a_line_and_a_letter() -> None:

@@ -36,6 +36,7 @@ from heronry_tools.web.live import Live
 from lab.benches.screens import heap_bytes
 from thoroughness import part_of, sample
 from watch.flights import PICTURES
+from watch.test_live_feeds import status_of_what_comes
 from web.browser import Server, Watched, browser, needs_chromium, recorded
 from web.flight import S, big_blue, flown
 from web.test_desk import drawn, plan_command, printed
@@ -356,6 +357,23 @@ def test_every_other_order_is_given_from_the_page(chromium):
         live.take_all([ScriptTaken(live.snapshot.t_ns, reason="it is not worse")], None, is_alive=True)
         watched.page.wait_for_selector('[data-order="release"]:not([hidden])')
         assert "No function will be lost" in expect_order(watched, given, '[data-order="release"]', {"do": "release"})
+        assert watched.wrong == []
+
+
+def test_what_is_coming_has_a_panel_with_tables_code_and_nodes_that_the_spec_does_not_have(chromium):
+    live = Live(Reducer(big_blue()), "manager")
+    with Server(live, spec=big_blue(), file=shipped_spec_path("big_blue")) as server:
+        watched = Watched(chromium)
+        watched.open(server.address)
+        assert watched.page.is_hidden("#coming-section")
+        live.take_all([status_of_what_comes()], None, is_alive=True)
+        watched.until("document.querySelectorAll('#coming > li').length === 6")
+        assert "50 %" in (watched.page.text_content('#coming [data-coming="flight"]') or "")
+        assert "no bundle" in (watched.page.text_content('#coming [data-coming="comms"]') or "")
+        shown = watched.page.text_content('#coming [data-stranger="101"]') or ""
+        assert "arm64, 4 cores, 2 MiB of memory" in shown
+        assert "heronry adopt big_blue 101" in shown
+        expect_axe_to_find_nothing(watched, "coming")
         assert watched.wrong == []
 
 

@@ -76,7 +76,7 @@ class Knowledge:
             situation=self.situation,
             served=self.served,
         )
-        self.unknown_nodes = UnknownNodes(spec, turn)
+        self.unknown_nodes = UnknownNodes(settings, turn, claim)
         self.code = CodeBringing(
             settings,
             turn,

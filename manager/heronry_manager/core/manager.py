@@ -223,6 +223,7 @@ class ManagerCore:
         self._details.end_of_step()
         self._bringing.end_of_step()
         self._code.end_of_step()
+        self._known.unknown_nodes.end_of_step()
         return self._turn.end()
 
     def next_deadline_ns(self) -> int | None:
@@ -238,6 +239,7 @@ class ManagerCore:
         else:
             due_ns = min(due_ns, self._beat.next_ns, self._deployment.next_deadline_ns())
             due_ns = min(due_ns, self._details.next_ns, self._bringing.next_ns, self._code.next_ns)
+            due_ns = min(due_ns, self._known.unknown_nodes.next_ns)
             other_ns = self._replanning.again_ns
         if other_ns is not None:
             due_ns = min(due_ns, other_ns)
@@ -271,6 +273,7 @@ class ManagerCore:
             self._details.tick()
             self._bringing.tick()
             self._code.tick()
+            self._known.unknown_nodes.tick()
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
         """Answer a question or execute an order of the operator; a manager that listens or stands by refuses orders."""
@@ -371,5 +374,6 @@ class ManagerCore:
             silences=known.silences,
             code=known.code.status(),
             tables=known.bringing.status(),
+            transfers=[one for one in (known.bringing.progress(), known.code.progress()) if one is not None],
             unknown_nodes=known.unknown_nodes.status(),
         )

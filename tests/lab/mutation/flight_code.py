@@ -18,7 +18,7 @@ CODEC = (
     "authentication part_transfer bus_health canaerospace canopen_objects capacities channel_merge channel_watch "
     "checkpoint_frames command_tags compressed_table "
     "configuration_slice contingency_block controller element_places errors failure_text frame gateway_report "
-    "identification identifiers layout management nmt node_services packing pe_table protocol_times "
+    "identification identifiers layout management nmt node_offer node_services packing pe_table protocol_times "
     "protocol_version sansio sdo silence standard_identifiers state_frames thinning timing transmit_queue"
 )
 SHELL = (  # of the wire: the files that use sockets, interfaces and files, or a person's words

@@ -16,13 +16,12 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import load_spec
 from heronry_tools.runtime.canopen_log import keep_off_the_terminal
+from heronry_wire import node_offer
 from heronry_wire.bus_arguments import flagged_bus
 from heronry_wire.bus_opening import open_bus
 from heronry_wire.canopen_objects import OFFER
 
 _ANSWER_WITHIN_S = 3.0
-_NUMBERS = ("cores", "ram_kib", "disk_kib")
-_TEXTS = ("version", "python", "machine")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -40,19 +39,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def read_offer(text: str, node: int) -> dict[str, Any]:
     """Read the offer of a node; raises UserError if the text is none."""
-    try:
-        offer = json.loads(text)
-    except ValueError:
-        offer = None
-    if not (
-        isinstance(offer, dict)
-        and all(type(offer.get(name)) is int and offer[name] > 0 for name in _NUMBERS)
-        and all(isinstance(offer.get(name), str) and offer[name].isprintable() for name in _TEXTS)
-        and isinstance(offer.get("images"), list)
-        and all(isinstance(image, str) and image.isprintable() for image in offer["images"])
-    ):
+    found = node_offer.read_offer(text)
+    if found is None:
         raise UserError(f"node {node} offers nothing: start its agent with --node, and wait until it waits for a table")
-    return offer
+    return found
 
 
 def spec_lines(spec: Spec, node: int, offer: dict[str, Any]) -> list[str]:

@@ -9,6 +9,7 @@ from heronry_tools.reports.troubles import (
     element_troubles,
     mended,
     silence_troubles,
+    stranger_notes,
     table_troubles,
     waiting_troubles,
 )
@@ -53,6 +54,9 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     found = (table_troubles, waiting_troubles, code_troubles, element_troubles, silence_troubles)
     for trouble in (one for troubles in found for one in troubles(status)):
         yield f"! {trouble.says}"
+    for note in stranger_notes(status):
+        yield f"! {note.says}"
+        yield f"  {note.remedy}"
     words = {"operator": "the operator", "module": "a module"}
     for name, changed in status["priorities"].items():
         yield f"! {name} has priority {changed['priority']}, set by {words[changed['by']]}"

@@ -14,6 +14,7 @@ from heronry_manager.core.membership import Standing
 from heronry_manager.core.situation import HELD_CODE, OPERATOR_CODE
 from heronry_tools.reports.findings import Finding
 from heronry_wire.management import FaultCode
+from heronry_wire.node_offer import adopts, hardware
 from heronry_wire.state_frames import PeState
 
 _NS_PER_S = 1_000_000_000
@@ -35,6 +36,8 @@ def troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     yield from manager_troubles(status)
     for name in status["pes"]:
         yield from standing_troubles(status, name)
+    yield from waiting_troubles(status)
+    yield from code_troubles(status)
     yield from element_troubles(status)
     yield from silence_troubles(status)
     yield from function_troubles(status)
@@ -96,12 +99,21 @@ def table_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def waiting_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield the PEs that wait for a table, and the nodes that the spec does not have."""
+    """Yield the PEs that wait for a table."""
     for pe, says in status.get("tables", {}).items():
         yield Finding("tables", f"{pe} waits for its table: {says}", "wait for it; if it does not come, see its log")
+
+
+def stranger_notes(status: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield the nodes that the spec does not have, with what they offer; the system may be fit beside them."""
     for one in status.get("unknown_nodes", ()):
         says = f"node {one['node']} is not in the spec: it {one['says']}"
-        yield Finding("nodes", says, f"give it a PE in the spec ({{node_id: {one['node']}, ...}}), or another node-ID")
+        if one.get("offer") is None:
+            remedy = f"give it a PE in the spec ({{node_id: {one['node']}, ...}}), or another node-ID"
+        else:
+            says += f" ({hardware(one['offer'])})"
+            remedy = adopts(status["spec"], one["node"])
+        yield Finding("nodes", says, remedy)
 
 
 def code_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:

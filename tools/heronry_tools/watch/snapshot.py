@@ -231,6 +231,31 @@ class Script:
 
 
 @dataclass(frozen=True, slots=True)
+class Transfer:
+    """A table or code that a PE waits for; `percent`: how much of it has come; None: it is not on its way."""
+
+    pe: str
+    what: Literal["table", "code"]
+    says: str
+    percent: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Stranger:
+    """A node with a node-ID of a PE that the spec does not have.
+
+    offer: in words, what it has; images: those of the spec that are on it; adopt: the command that writes the lines of
+    the spec for it. None, nothing: it offers nothing.
+    """
+
+    node: int
+    says: str
+    offer: str | None = None
+    images: tuple[str, ...] = ()
+    adopt: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Graph:
     """The state of each symbol, mode and edge of the dependency graph, by its key (`reports.render`).
 
@@ -285,6 +310,8 @@ class Snapshot:
     script: Script = Script()
     faults: tuple[Fault, ...] = ()
     silences: tuple[Silence, ...] = ()
+    transfers: tuple[Transfer, ...] = ()
+    strangers: tuple[Stranger, ...] = ()
     priorities: Mapping[str, int] = field(default_factory=dict)  # changed priorities, by function
     down: tuple[str, ...] = ()  # the elements that the situation lacks
     reconfigurations: tuple[Reconfiguration, ...] = ()  # the last ones, oldest first

@@ -4,16 +4,31 @@ A status may come from a recording, which may be damaged. So its form is checked
 another form nothing is used.
 """
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
 from heronry_manager.events import Status as StatusEvent
-from heronry_tools.watch.snapshot import Bus, Fault, Manager, Module, Pe, Script, Silence, Snapshot, Stage, Standing
+from heronry_tools.watch.snapshot import (
+    Bus,
+    Fault,
+    Manager,
+    Module,
+    Pe,
+    Script,
+    Silence,
+    Snapshot,
+    Stage,
+    Standing,
+    Stranger,
+    Transfer,
+)
 from heronry_wire.node_cost import NodeCost
+from heronry_wire.node_offer import adopts, hardware, read_offer
 
 _STAGES: Mapping[str | None, Stage] = {None: "starting", "done": "running"}
 
@@ -87,6 +102,20 @@ class _Script:
 
 
 @dataclass(frozen=True, slots=True)
+class _Progress:
+    pe: str
+    bytes: int
+    of: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Unknown:
+    node: int
+    says: str
+    offer: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class _Status:
     """What is used of a status."""
 
@@ -104,6 +133,10 @@ class _Status:
     channels: dict[str, list[str]]
     failures: list[_Failure]
     silences: list[_Silence] = field(default_factory=list)  # an older manager tells none
+    tables: dict[str, str] = field(default_factory=dict)
+    code: dict[str, str] = field(default_factory=dict)
+    transfers: list[_Progress] = field(default_factory=list)
+    unknown_nodes: list[_Unknown] = field(default_factory=list)
 
 
 @cache
@@ -136,11 +169,28 @@ def from_status(snapshot: Snapshot, event: StatusEvent) -> Snapshot | None:
             Silence(one.module, one.by, one.what, one.variable, one.producer, t_ns - one.for_ns)
             for one in status.silences
         ),
+        transfers=tuple(_transfers(status)),
+        strangers=tuple(_stranger(snapshot.spec, one) for one in status.unknown_nodes),
         script=Script(status.script.state, status.script.why),
         pes={name: _pe(pe, status.pes.get(name)) for name, pe in snapshot.pes.items()},
         buses={name: _bus(name, bus, status) for name, bus in snapshot.buses.items()},
         modules=_modules(snapshot.modules, status.failures),
     )
+
+
+def _transfers(status: _Status) -> Iterator[Transfer]:
+    percents = {one.pe: 100 * one.bytes // max(1, one.of) for one in status.transfers}
+    for pe, says in status.tables.items():
+        yield Transfer(pe, "table", says, percents.get(pe))
+    for pe, says in status.code.items():
+        yield Transfer(pe, "code", says, percents.get(pe))
+
+
+def _stranger(spec: str, told: _Unknown) -> Stranger:
+    offer = None if told.offer is None else read_offer(json.dumps(told.offer))  # a recording may be damaged
+    if offer is None:
+        return Stranger(told.node, told.says)
+    return Stranger(told.node, told.says, hardware(offer), tuple(offer["images"]), adopts(spec, told.node))
 
 
 def _pe(before: Pe, told: _Pe | None) -> Pe:

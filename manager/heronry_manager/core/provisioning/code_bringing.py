@@ -31,6 +31,7 @@ decision on what runs depends on anything here but the clearing of those faults.
 
 from collections.abc import Callable
 from hashlib import sha256
+from typing import Any
 
 from heronry_dg.situation import hosts_when_all_is_up
 from heronry_dg.traffic import criticality_ranks
@@ -118,6 +119,10 @@ class CodeBringing:
         if pe is not None and bundle is not None:
             said[pe] = f"{bundle.name}, version {bundle.version}: {self._client.at} of {len(bundle.content)} bytes"
         return said
+
+    def progress(self) -> dict[str, Any] | None:
+        """Return the code that is on its way (`ServedPe.progress`)."""
+        return self._client.progress()
 
     def take(self, frame: Frame) -> None:
         """Process an SDO answer of a PE, or the request of another SDO client to it."""

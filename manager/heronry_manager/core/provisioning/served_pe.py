@@ -26,6 +26,7 @@ A lost, late, doubled or forged answer ends a step, or makes it fail. A restart 
 
 from collections.abc import Callable, Iterable
 from hashlib import sha256
+from typing import Any
 
 from heronry_dg.model import Pe
 from heronry_manager.core.epochs import Deployment
@@ -71,7 +72,7 @@ class ServedPe:
         self._reader = ObjectReader(turn.do)
         self.pe: str | None = None
         self.began_ns = 0
-        self.at = 0  # bytes of the whole that the PE has
+        self.at, self.of = 0, 0  # bytes of the whole that the PE has, and of the whole
         self._node: dict[str, int] = {}
         self._pe_of_answer: dict[int, str] = {}
         self._pe_of_request: dict[int, str] = {}
@@ -107,7 +108,7 @@ class ServedPe:
         """Serve a PE from now on; False: another one is served, or something is being read from this one."""
         if not self._served.begin(self._node[pe], self._turn.now_ns):
             return False
-        self.pe, self.began_ns, self.at = pe, self._turn.now_ns, 0
+        self.pe, self.began_ns, self.at, self.of = pe, self._turn.now_ns, 0, 0
         return True
 
     def end(self, *, abort: bool = False) -> None:
@@ -145,6 +146,10 @@ class ServedPe:
         """Forget all pauses."""
         self._tries.clear()
         self._not_before_ns.clear()
+
+    def progress(self) -> dict[str, Any] | None:
+        """Return what is on its way as plain data: pe, bytes that it has, and of how many; None: nothing is."""
+        return {"pe": self.pe, "bytes": self.at, "of": self.of} if self.pe is not None and self.of else None
 
     # Steps
 
@@ -213,6 +218,7 @@ class ServedPe:
         """
         if self._period_ns() is None:
             return
+        self.of = len(content)
         transfer = Transfer(sha256(content).digest(), len(content))
 
         def received(value: bytes) -> None:

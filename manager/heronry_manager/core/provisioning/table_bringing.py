@@ -26,6 +26,8 @@ While a PE waits, a forged part under another digest makes it forget what has co
 A PE beyond gateways is brought its table, too: they forward SDO between the manager and it.
 """
 
+from typing import Any
+
 from heronry_manager import events
 from heronry_manager.core.epochs import Deployment
 from heronry_manager.core.mastership import Claim
@@ -74,7 +76,6 @@ class TableBringing:
         here = self._client.may_serve(pe for pe in settings.spec.pes.values() if pe.name in self._tables)
         self._pe_of_heartbeat = {heartbeat_id(pe.node_id): pe.name for pe in here}
         self._active_since_ns = turn.now_ns  # what a PE sent before, this manager may not know
-        self._bytes = 0  # of the table that is on its way, as it goes over the bus
         self._heard_ns: dict[str, int] = {}  # by PE that waits: its last heartbeat
         self._spoke_ns: dict[str, int] = {}  # by PE: its last heartbeat, whether it waits or is served
         self._taken: set[str] = set()  # PEs that have taken a table, and were not available since
@@ -132,7 +133,11 @@ class TableBringing:
         paused = [pe for pe in self._told if self._client.not_before_ns(pe) > gone_ns]
         waiting = {pe: self._told.get(pe, "its turn comes") for pe in (*paused, *self._heard_ns)}
         pe = self._client.pe
-        return waiting if pe is None else waiting | {pe: f"its table: {self._client.at} of {self._bytes} bytes"}
+        return waiting if pe is None else waiting | {pe: f"its table: {self._client.at} of {self._client.of} bytes"}
+
+    def progress(self) -> dict[str, Any] | None:
+        """Return the table that is on its way (`ServedPe.progress`)."""
+        return self._client.progress()
 
     def has_another_table(self, pe: str) -> None:
         """Note that a PE that runs nothing has another table, so that it is brought its own."""
@@ -184,13 +189,12 @@ class TableBringing:
             self._client.read_number(CHALLENGE, 0, lambda challenge: self._bring(pe, key.sealed(table, challenge)))
 
     def _bring(self, pe: str, content: bytes) -> None:
-        self._bytes = len(content)
         self._client.bring(TABLE_TRANSFER, content, PART_BYTES, lambda: self._brought(pe))
 
     def _brought(self, pe: str) -> None:
         self._taken.add(pe)
         took_ns = self._turn.now_ns - self._client.began_ns
-        self._turn.emit(events.TableBrought, pe=pe, bytes=self._bytes, took_ns=took_ns)
+        self._turn.emit(events.TableBrought, pe=pe, bytes=self._client.of, took_ns=took_ns)
         self._pause(pe)
 
     def _not_taken(self, pe: str, outcome: Outcome, why: str) -> None:

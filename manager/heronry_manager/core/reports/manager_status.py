@@ -38,9 +38,10 @@ and changes none.
     buses           by name: bits_per_s and load, as planned
     other_tables    why a PE stages nothing, and what to do, by the PE's name
     code            code that is on its way to a PE that lacks it, or why it is not, by the PE's name
-    tables          PEs that wait for their table, by name: whether it is on its way, or why it is not taken
+    tables          PEs that wait for their table, by name: how much of it has come, or why it is not taken
+    transfers       of what is on its way in `code` and `tables`: list of pe, bytes (that it has), of (how many)
     unknown_nodes   nodes with a node-ID of a PE that the spec does not have: list of node, says (what it does), for_ns
-                    (since it was heard)
+                    (since it was heard), offer (`heronry_wire.node_offer`; null: none has come)
     unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
 
 The driver adds:
@@ -82,6 +83,7 @@ def status(
     silences: Silences,
     code: Mapping[str, str],
     tables: Mapping[str, str],
+    transfers: list[dict[str, Any]],
     unknown_nodes: list[dict[str, Any]],
 ) -> dict[str, Any]:
     """Build the status document; `manager` and `script` are the values of its keys with these names."""
@@ -122,6 +124,7 @@ def status(
         "other_tables": details.other_tables(),
         "code": dict(code),
         "tables": dict(tables),
+        "transfers": transfers,
         "unknown_nodes": unknown_nodes,
         "unwatched": list(_unwatched(spec, plan)),
     }

@@ -86,8 +86,22 @@ def head(view: Snapshot) -> list[Text]:
     notes += [f"journal: {manager.journal}"] if manager.journal else []
     if notes:
         lines.append(Text("! " + "; ".join(notes), "yellow"))
+    lines += [Text(f"+ {line}", "cyan") for line in coming(view)]
     lost = [(name, one) for name, one in view.functions.items() if one.wanted and one.served is False]
     lines += [Text(f"lost: {name} <- {one.why_not}", "bold red") for name, one in lost[:_LOST_IN_HEAD] if view.epoch]
+    return lines
+
+
+def coming(view: Snapshot) -> list[str]:
+    """Return a line for each table and each code that a PE waits for, and for each node that the spec does not have."""
+    lines = []
+    for one in view.transfers:
+        percent = "" if one.percent is None else f"{one.percent} % of "
+        lines.append(f"{one.pe} waits for {percent}its {one.what}: {one.says}")
+    for node in view.strangers:
+        offer = "" if node.offer is None else f" ({node.offer})"
+        adopt = "" if node.adopt is None else f": {node.adopt}"
+        lines.append(f"node {node.node} is not in the spec: it {node.says}{offer}{adopt}")
     return lines
 
 

@@ -10,6 +10,7 @@ import * as plots from "./plots.js";
 import * as events from "./events.js";
 import * as whatIf from "./what_if.js";
 import * as pes from "./pes.js";
+import * as coming from "./coming.js";
 import * as plants from "./plants.js";
 import * as functions from "./functions.js";
 import * as details from "./details.js";
@@ -33,6 +34,7 @@ function show() {
     chips();
     functions.show();
     pes.show();
+    coming.show();
     plants.show();
     operate.show();
     PANELS[panel].show();
