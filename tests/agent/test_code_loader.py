@@ -15,6 +15,7 @@ from heronry_agent.core.vocabulary import (
     EndPartition,
     ImagesArrived,
     ImagesMissing,
+    KeepParts,
     ModuleEvent,
     PartitionEnded,
     ProgramChanged,
@@ -88,6 +89,33 @@ class Loop:
             self.now_ns += GAP_NS
             events += self.loader.heard(Stepped(MODULE, 1, {}), self.now_ns)
         return events
+
+
+def test_parts_are_kept_until_their_bundle_is_whole(tmp_path: Path) -> None:
+    loop, store = Loop(tmp_path), Store(Folder(tmp_path / "code"))
+    loop.loader.ordered(KeepParts(b"some"), loop.now_ns)
+    loop.loader.ordered(KeepParts(b"some more"), loop.now_ns)  # a keeper is at work
+    loop.order(KeepParts(b"most"))
+    assert not loop.loader.program.is_at_work
+    assert (loop.loader.kept_parts, store.kept()) == (b"most", b"most")
+    assert Loop(tmp_path).loader.kept_parts == b"most"
+    loop.order(WriteProgram(bundle(3).content))
+    assert (loop.loader.kept_parts, store.kept()) == (b"", b"")
+    loop.order(KeepParts(b"others"))
+    loop.order(START)
+    assert loop.loader.kept_parts == b"others"
+    loop.order(NO_START)
+    assert (loop.loader.kept_parts, store.kept()) == (b"", b"")
+    assert loop.said[1:] == ["version 3 of probe is in use"]
+
+
+def test_parts_that_the_disk_does_not_take_are_no_fault(tmp_path: Path) -> None:
+    loop = Loop(tmp_path)
+    (tmp_path / "code" / "parts").mkdir()
+    loop.order(KeepParts(b"some"))
+    assert (loop.loader.program, loop.said) == (program(0), [])
+    again = Loop(tmp_path)
+    assert (again.loader.program, again.loader.kept_parts, again.said) == (program(0), b"", [])
 
 
 @pytest.fixture

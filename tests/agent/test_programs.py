@@ -8,11 +8,13 @@ from canopen import SdoAbortedError
 from agent.canopen_master import Master, refusal
 from agent.one_pe import FLYING, MS, NODE, TABLE, OnePe
 from heronry_agent.core.agent import AgentCore
+from heronry_agent.core.canopen.programs import KEEP_NS
 from heronry_agent.core.vocabulary import (
     Action,
     ControlProgram,
     ImagesArrived,
     ImagesMissing,
+    KeepParts,
     ProgramChanged,
     ProgramState,
     WriteProgram,
@@ -33,22 +35,22 @@ BUSY, PART_WRONG, CRC, TOO_LARGE, LENGTH = 0x0800_0022, 0x0609_0030, 0x0504_0004
 class WithLoader(OnePe):
     """A PE with a loader, whose orders are kept for the test."""
 
-    def __init__(self, state: ProgramState) -> None:
+    def __init__(self, state: ProgramState, kept: bytes = b"") -> None:
         self.orders: list[Action] = []
         super().__init__()
-        self.core = AgentCore(TABLE, 5, self.now_ns, program=state)
+        self.core = AgentCore(TABLE, 5, self.now_ns, program=state, kept_parts=kept)
 
     def give(self, event):
         actions = super().give(event)
-        self.orders += [one for one in actions if isinstance(one, WriteProgram | ControlProgram)]
+        self.orders += [one for one in actions if isinstance(one, WriteProgram | KeepParts | ControlProgram)]
         return actions
 
 
 class Programmer(Master):
     """The master, with the objects of a program."""
 
-    def __init__(self, state: ProgramState = NO_CODE) -> None:
-        pe = WithLoader(state)
+    def __init__(self, state: ProgramState = NO_CODE, kept: bytes = b"") -> None:
+        pe = WithLoader(state, kept)
         super().__init__(pe)
         self.loader = pe
         pe.pass_time(0)
@@ -88,8 +90,13 @@ class Programmer(Master):
         self.loader.give(ProgramChanged(ProgramState(version, error)))
 
     def orders(self) -> list[Action]:
+        """The orders to the loader since the last call, without those to keep parts."""
         said, self.loader.orders = self.loader.orders, []
-        return said
+        return [one for one in said if not isinstance(one, KeepParts)]
+
+    def kept(self) -> list[bytes]:
+        """What the loader was told to keep."""
+        return [one.content for one in self.loader.orders if isinstance(one, KeepParts)]
 
 
 @pytest.fixture
@@ -208,6 +215,41 @@ def test_code_that_arrives_is_missing_no_more() -> None:
     assert pe.core.staging.reader.missing_images == {}
     pe.give(ImagesMissing({image: "it was taken back"}))  # and may be missing again, which is told again
     assert image in pe.core.staging.reader.missing_images
+
+
+def test_what_has_come_is_kept_now_and_then_and_goes_on_after_a_restart(master: Programmer) -> None:
+    master.part(0, CONTENT[:500])
+    master.part(500, CONTENT[500:700])
+    assert master.kept() == [Part(TRANSFER, 0, CONTENT[:500]).encode()]
+    master.loader.pass_time(KEEP_NS)
+    master.part(700, CONTENT[700:900])
+    assert master.kept()[1:] == [Part(TRANSFER, 0, CONTENT[:900]).encode()]
+    again = Programmer(kept=master.kept()[-1])
+    assert again.received == Received(TRANSFER.digest, 900)
+    assert again.part(900, CONTENT[900:]) is None
+    assert again.orders() == [WriteProgram(CONTENT)]
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        b"",
+        bytes(40),
+        Part(TRANSFER, 7, CONTENT[:500]).encode(),
+        Part(TRANSFER, 0, CONTENT).encode(),
+        Part(Transfer(TRANSFER.digest, 2 << 20), 0, CONTENT).encode(),
+    ],
+)
+def test_what_is_no_beginning_of_a_bundle_was_not_kept(kept: bytes) -> None:
+    assert Programmer(kept=kept).received == Received(bytes(32), 0)
+
+
+def test_what_was_kept_and_is_wrong_ends_with_the_check_sum_and_the_transfer_begins_anew() -> None:
+    master = Programmer(kept=Part(TRANSFER, 0, b"x" * 500).encode())
+    assert master.part(500, CONTENT[500:]) == CRC
+    assert master.received == Received(TRANSFER.digest, 0)
+    assert master.part(0, CONTENT) is None
+    assert master.orders() == [WriteProgram(CONTENT)]
 
 
 PACE_NS = 10 * worst_bits(8) * 1_000  # a tenth of 1 Mbit/s

@@ -96,6 +96,7 @@ class AgentCore:
         cost: Callable[[], NodeCost | None] = lambda: None,
         takes_tables: bool = False,
         program: ProgramState | None = None,
+        kept_parts: bytes = b"",
         slow_to_rest: frozenset[int] = frozenset(),
     ) -> None:
         """Start without a configuration; the first deadline is `now_ns`.
@@ -112,6 +113,7 @@ class AgentCore:
         takes_tables: whether the PE accepts another table over the bus: while it runs nothing, in place of its own
             (`new_table`), else beside it (`table_change`).
         program: what the loader of code says; None: this PE has no loader.
+        kept_parts: what this loader has kept of an unfinished bundle (`KeepParts`).
         slow_to_rest: modules whose StopModule the driver answers with AtRest.
         Raises TableError where the table contradicts itself.
         """
@@ -184,7 +186,7 @@ class AgentCore:
             beside.take(text)
             return None
 
-        self._programs = None if program is None else Programs(turn, program)
+        self._programs = None if program is None else Programs(turn, program, kept_parts)
         parts = Parts(
             turn,
             index,

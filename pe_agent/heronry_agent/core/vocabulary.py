@@ -197,6 +197,16 @@ class WriteProgram:
 
 
 @dataclass(frozen=True, slots=True)
+class KeepParts:
+    """Keep what has come of an unfinished bundle, in place of what was kept before; nothing answers.
+
+    content: all of it as one part from the beginning, encoded (`heronry_wire.part_transfer`).
+    """
+
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class ControlProgram:
     """Start the code that was written last, or else forget it; ProgramChanged answers."""
 
@@ -400,6 +410,7 @@ Action = (
     | Drive
     | Heard
     | WriteProgram
+    | KeepParts
     | ControlProgram
     | PrepareTable
     | SwitchTable

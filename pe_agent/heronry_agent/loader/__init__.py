@@ -18,8 +18,9 @@ the loader's partitions runs.
 *What may go wrong.*
 
     a lost, late or doubled frame  is repaired by SDO; what is complete is checked again as a whole
+    a restart during a transfer    it goes on where it was up to KEEP_NS (`programs`) before
     a forged frame                 spoils a transfer, which begins anew; it can neither sign code nor lower the floor
-    a crash at any moment          the PE has the old code or the new code, whole; a transfer begins anew
+    a crash at any moment          the PE has the old code or the new code, whole
     a full or read-only disk       one sentence in the log, the error "write" in 1F57h; what was there stays
     a disk that hangs              the keeper is ended after a while, and that is told like a failed write
     new code that fails            the code before it is back at once (`trial`), and this version never returns

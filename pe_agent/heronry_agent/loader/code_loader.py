@@ -17,6 +17,7 @@ It is computed from the state, so nothing else is ever confirmed or taken back.
     an order to start code while modules of it run     is refused: what runs is never touched
 """
 
+from base64 import b64decode
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
@@ -28,6 +29,7 @@ from heronry_agent.core.vocabulary import (
     EndPartition,
     ImagesArrived,
     ImagesMissing,
+    KeepParts,
     ModuleEvent,
     PartitionEnded,
     ProgramChanged,
@@ -78,6 +80,7 @@ class CodeLoader:
         self._is_started = False  # a module of the code on trial was started
         self._running: set[int] = set()
         self._trial: Trial | None = None
+        self.kept_parts = b""  # the last KeepParts, while its bundle is unfinished
         self.is_changed = False  # True: partitions of the loader's modules are to be started anew
         self._boot()
 
@@ -115,12 +118,18 @@ class CodeLoader:
         """Take an action of the core; returns the answers that are known at once."""
         match action:
             case WriteProgram(content):
+                self.kept_parts = b""
                 self._do(_Operation("receive", content), now_ns)
+            case KeepParts(content):
+                self.kept_parts = content
+                self._queue = deque(one for one in self._queue if one.name != "keep")
+                self._do(_Operation("keep", content), now_ns)
             case ControlProgram(is_start=True) if self._running:
                 self._tell("code is not started while modules of the code before run: let them run elsewhere first")
                 self._error = _ERRORS[NOT_FOR_HERE]
                 return [ProgramChanged(self.program)]
             case ControlProgram(is_start):
+                self.kept_parts = self.kept_parts if is_start else b""
                 self._do(_Operation("start" if is_start else "clear"), now_ns)
             case StartModule(module) if module in self._own:
                 self._running.add(module)
@@ -246,6 +255,7 @@ class CodeLoader:
             self._tell(said.sentence)
         if said.state is not None:
             self._follow(State.from_json(said.state))
+        self.kept_parts = b64decode(said.kept)
         self.is_changed = False
         code = self._state.code
         if code is not None:
@@ -264,7 +274,7 @@ class CodeLoader:
 
     def _done(self, operation: _Operation, said: Answer) -> list[ModuleEvent]:
         """Take the answer of a keeper; returns what follows for the core."""
-        if said.problem != FINE:
+        if said.problem != FINE and operation.name != "keep":  # without kept parts a restart begins anew
             self._tell(f"code: {said.sentence}" if said is LOST else f"a bundle is not used: {said.sentence}")
         if operation.name in _ORDERED:
             self._error = _ERRORS[said.problem]

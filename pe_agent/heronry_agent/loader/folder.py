@@ -4,6 +4,8 @@
               counts as nothing
     commit    moves the draft to its place; a crash leaves the old file or the new one, and both are whole
 
+    remove    lets a file be no more
+
 All raise OSError where the disk is full, read-only or broken.
 """
 
@@ -44,6 +46,10 @@ class Folder:
     def commit(self, name: str) -> None:
         """Let a file have the content of its draft."""
         move_ordinary(self._draft_of(name), self.path / name)
+
+    def remove(self, name: str) -> None:
+        """Let there be no such file."""
+        (self.path / name).unlink(missing_ok=True)
 
     def _draft_of(self, name: str) -> Path:
         return self.path / f"{name}{_DRAFT}"

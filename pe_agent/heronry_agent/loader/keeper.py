@@ -2,8 +2,8 @@
 
     python -m heronry_agent.loader.keeper FOLDER OPERATION [PUBLIC_KEY]      started by the agent
 
-OPERATION is an operation of the store. A bundle to receive comes on standard input. Without PUBLIC_KEY a bundle need
-not be signed. The answer is one line of JSON on standard output, an `Answer`.
+OPERATION is an operation of the store. A bundle to receive, or parts to keep, come on standard input. Without
+PUBLIC_KEY a bundle need not be signed. The answer is one line of JSON on standard output, an `Answer`.
 
 If the keeper is killed, the store has the state before the operation or the one after it; the agent asks which (`boot`
 does not count a try in one that is not on trial, and `state` never does).
@@ -11,18 +11,20 @@ does not count a try in one that is not on trial, and `state` never does).
 
 import json
 import sys
+from base64 import b64encode
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from heronry_agent.loader.folder import Folder
-from heronry_agent.loader.store import State, Store
-from heronry_wire.bundle import MOST_BYTES, Bundle, ForeignBundleError, LargeBundleError
+from heronry_agent.loader.store import MOST_KEPT, State, Store
+from heronry_wire.bundle import Bundle, ForeignBundleError, LargeBundleError
 from heronry_wire.errors import HeronryError
 
 FINE, NOT_FOR_HERE, TOO_LARGE, WRONG, DISK = "", "not for here", "too large", "wrong", "disk"
 """Why an operation was not done: the bundle is not for this PE, too large or damaged; or the disk does not take it."""
 
-OPERATIONS = ("boot", "state", "receive", "start", "run", "rest", "confirm", "revert", "clear")
+OPERATIONS = ("boot", "state", "receive", "keep", "start", "run", "rest", "confirm", "revert", "clear")
 
 
 class Answer(NamedTuple):
@@ -32,6 +34,7 @@ class Answer(NamedTuple):
     sentence: str
     state: str | None  # the record; None where it cannot be read
     path: str | None  # of the active slot
+    kept: str = ""  # what was kept of an unfinished bundle, in base64; `boot` alone tells it
 
     def to_json(self) -> str:
         """Return the answer as one line."""
@@ -45,6 +48,8 @@ def answer(folder: Path, operation: str, content: bytes, key: Path | None) -> An
     try:
         if operation == "receive":
             store.receive(content, lambda bundle: _check(bundle, key))
+        elif operation == "keep":
+            store.keep(content)
         else:
             getattr(store, operation)()
     except OSError as error:
@@ -59,7 +64,8 @@ def answer(folder: Path, operation: str, content: bytes, key: Path | None) -> An
     state = _state(store)
     if state is None:
         return Answer(problem, sentence, None, None)
-    return Answer(problem, sentence, state.to_json(), store.path(state))
+    kept = _kept(store) if operation == "boot" else b""
+    return Answer(problem, sentence, state.to_json(), store.path(state), b64encode(kept).decode())
 
 
 def _check(bundle: Bundle, key: Path | None) -> None:
@@ -79,10 +85,16 @@ def _state(store: Store) -> State | None:
         return None
 
 
+def _kept(store: Store) -> bytes:
+    with suppress(OSError):
+        return store.kept()
+    return b""
+
+
 def main(arguments: list[str]) -> int:
     """Do one operation and print the answer; returns the exit code."""
     folder, operation, *key = arguments
-    content = sys.stdin.buffer.read(MOST_BYTES + 1) if operation == "receive" else b""
+    content = sys.stdin.buffer.read(MOST_KEPT) if operation in ("receive", "keep") else b""
     print(answer(Path(folder), operation, content, Path(key[0]) if key else None).to_json(), flush=True)
     return 0
 

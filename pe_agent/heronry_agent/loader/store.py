@@ -16,6 +16,7 @@
     rest        tries := 0                                        the agent lives, and the code has not run
     confirm     tries := None                                     after the trial
     revert      active := before                                  the new code has failed, and never returns
+    keep        the parts that have come of a bundle are in a file of their own, until the next `receive` or `clear`
     boot        tries + 1; after MOST_TRIES starts without a confirmation: revert. A slot that is damaged is left out
 
 Each operation ends with one replacement of the record, before which nothing has changed for a reader. So a crash at
@@ -37,7 +38,9 @@ from heronry_wire.bundle import MOST_BYTES, Bundle, ForeignBundleError, unpack
 from heronry_wire.errors import HeronryError
 
 MOST_TRIES = 3
+MOST_KEPT = MOST_BYTES + 64  # a part is longer than its bytes
 _RECORD, _MOST_RECORD = "code.json", 1 << 18
+_PARTS = "parts"
 _SLOTS = ("a", "b")
 
 
@@ -148,6 +151,7 @@ class Store:
 
     def receive(self, content: bytes, check: Callable[[Bundle], None]) -> State:
         """Check a bundle and keep it ready; raises BundleError, and whatever `check` raises."""
+        self._folder.remove(_PARTS)
         state, bundle = self.state(), unpack(content)
         kept = Kept.of(bundle)
         if kept in (state.code, None if state.ready is None else state.slots[state.ready]):
@@ -166,6 +170,15 @@ class Store:
         self._folder.draft(slot_file(slot), bundle.content)
         self._folder.commit(slot_file(slot))
         return self._put(replace(state, slots={**state.slots, slot: kept}, ready=slot))
+
+    def keep(self, parts: bytes) -> None:
+        """Keep what has come of a bundle."""
+        self._folder.draft(_PARTS, parts)
+        self._folder.commit(_PARTS)
+
+    def kept(self) -> bytes:
+        """Return what was kept of a bundle; empty: nothing."""
+        return self._folder.read(_PARTS, MOST_KEPT) or b""
 
     def start(self) -> State:
         """Let the bundle that is ready be the active one, on trial."""
@@ -198,7 +211,8 @@ class Store:
         return state if state.tries is None else self._put(reverted(state))
 
     def clear(self) -> State:
-        """Forget the bundle that is ready; the active code stays."""
+        """Forget the bundle that is ready, and what has come of another; the active code stays."""
+        self._folder.remove(_PARTS)
         state = self.state()
         return state if state.ready is None else self._put(_without(state, state.ready))
 

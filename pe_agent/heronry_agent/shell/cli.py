@@ -251,6 +251,7 @@ def _run_with(
                 cost=lambda: meter.last,
                 takes_tables=arguments.node is not None,
                 program=None if code is None else code.loader.program,
+                kept_parts=b"" if code is None else code.loader.kept_parts,
                 slow_to_rest=preparing.numbers.indices(devices.slow_to_rest),
             )
 

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from heronry_agent.core.vocabulary import Action, ControlProgram, ImagesMissing, ModuleEvent, WriteProgram
+from heronry_agent.core.vocabulary import Action, ControlProgram, ImagesMissing, KeepParts, ModuleEvent, WriteProgram
 from heronry_agent.loader.code_loader import CodeLoader
 from heronry_agent.loader.keeper_process import KeeperProcess
 from heronry_agent.shell.devices import Devices
@@ -62,7 +62,7 @@ class LoadingHost(PartitionHost):
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
         """Execute an action; what the loader answers comes with the next `take`."""
         self._events += self._loader.ordered(action, now_ns)
-        if isinstance(action, WriteProgram | ControlProgram):
+        if isinstance(action, WriteProgram | KeepParts | ControlProgram):
             return None
         answer = super().carry_out(action, now_ns)
         if answer is not None:

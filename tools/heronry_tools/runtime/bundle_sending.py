@@ -6,8 +6,9 @@
     checked     the PE's loader works on the whole bundle (1F57h); then it says what is wrong, or the bundle is ready
     started     1F51h is written; the code is in use
 
-A part that is lost, or that the PE does not take because it is locked, is sent again for PATIENCE_S. A PE that restarts
-has forgotten the parts, and the transfer begins anew. Whatever ends this program leaves the PE with the code before.
+A part that is lost, or that the PE does not take because it is locked, is sent again for PATIENCE_S. If the PE restarts
+meanwhile it has forgotten the last parts, and this program ends; started anew it sends what the PE lacks. Whatever ends
+this program leaves the PE with the code before.
 """
 
 import hashlib

@@ -18,9 +18,9 @@ With a key each write follows an UNLOCK, and a report of lacking code counts onl
 
 *What may go wrong.* A lost, late or doubled answer ends a step, which is done again after the pause. A forged answer
 can make a transfer fail, or clear a fault although the code is not there: the PE then reports the lack anew, before it
-stages anything. A PE that restarts has forgotten the parts, and begins anew. Code that fails on the PE is taken back
-there, and its version is refused from then on: this is told. A restart or takeover of
-the manager forgets all this; the PEs report what they lack to each new manager.
+stages anything. A PE that restarts has forgotten the last parts, and says how many it has. Code that fails on the PE is
+taken back there, and its version is refused from then on: this is told. A restart or takeover of the manager forgets
+all this; the PEs report what they lack to each new manager.
 
 A PE has one bundle in use, so two bundles would displace each other. It is brought only a bundle that holds all of its
 images that come in bundles; if there is none, this is told.

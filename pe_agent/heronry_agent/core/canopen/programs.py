@@ -14,16 +14,20 @@ is right, the bundle is what a write of 1F50h would have brought.
 
 This file keeps the bytes of an unfinished bundle, and what the loader has said last. It decides
 nothing on code: it hands orders on as actions (`WriteProgram`, `ControlProgram`), and the loader answers by the event
-`ProgramChanged`. A loader that does not answer leaves bit 0 set, and nothing else stops. A restart forgets the part.
+`ProgramChanged`. A loader that does not answer leaves bit 0 set, and nothing else stops.
+
+What has come is kept (`KeepParts`), at most once in KEEP_NS, so a transfer goes on after a restart, where it was up to
+so long before. Whatever was kept, the SHA-256 of the whole decides.
 """
 
 from enum import IntEnum
 
 from heronry_agent.core.canopen.received_parts import ReceivedParts
 from heronry_agent.core.turn import Turn
-from heronry_agent.core.vocabulary import ControlProgram, ProgramState, WriteProgram
+from heronry_agent.core.vocabulary import ControlProgram, KeepParts, ProgramState, WriteProgram
 from heronry_wire.sdo import Abort
 
+KEEP_NS = 10_000_000_000  # a process is started each time
 STOP, START, CLEAR = 0, 1, 3
 _AT_WORK = 1
 
@@ -43,12 +47,13 @@ class FlashError(IntEnum):
 class Programs:
     """The objects of the loader of one PE."""
 
-    def __init__(self, turn: Turn, state: ProgramState) -> None:
-        """Begin with what the loader says at the start of the agent."""
+    def __init__(self, turn: Turn, state: ProgramState, kept: bytes = b"") -> None:
+        """Begin with what the loader says at the start of the agent; kept: what was kept last (`KeepParts`)."""
         self._turn, self._state = turn, state
         self._is_at_work = False
         self._is_stopped = False
-        self._parts = ReceivedParts()
+        self._parts = ReceivedParts(kept)
+        self._keep_ns = turn.now_ns  # when to keep again what has come
 
     @property
     def version(self) -> int:
@@ -97,6 +102,9 @@ class Programs:
         if self._is_at_work:
             return Abort.DEVICE_STATE
         whole = self._parts.take(content)
+        if whole is None and self._turn.now_ns >= self._keep_ns:
+            self._keep_ns = self._turn.now_ns + KEEP_NS
+            self._turn.do(KeepParts(self._parts.as_one))
         return self.write(whole) if isinstance(whole, bytes) else whole
 
     def order(self, value: int) -> Abort | None:

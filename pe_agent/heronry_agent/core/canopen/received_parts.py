@@ -5,7 +5,7 @@
 
 A part that does not begin where the one before ended is refused, the first one too, so a doubled, lost or late part
 changes nothing; a part of another transfer begins anew. When the last part has come, the SHA-256 of the whole decides
-whether anything has come at all. At most MOST_BYTES are kept. A restart forgets them.
+whether anything has come at all. At most MOST_BYTES are kept. A restart forgets them, unless somebody keeps `as_one`.
 """
 
 from hashlib import sha256
@@ -18,9 +18,13 @@ from heronry_wire.sdo import Abort
 class ReceivedParts:
     """The bytes of one unfinished transfer."""
 
-    def __init__(self) -> None:
+    def __init__(self, kept: bytes = b"") -> None:
+        """Begin with what was kept as `as_one`; with nothing where `kept` is no beginning of a transfer."""
         self._transfer = Transfer(bytes(32), 0)
         self._bytes = bytearray()
+        part = Part.decode(kept)
+        if part is not None and part.at == 0 and len(part.data) < part.transfer.length <= MOST_BYTES:
+            self._transfer, self._bytes = part.transfer, bytearray(part.data)
 
     @property
     def received(self) -> Received:
@@ -31,6 +35,11 @@ class ReceivedParts:
     def encoded(self) -> bytes:
         """Return the same as the value that a client reads."""
         return self.received.encode()
+
+    @property
+    def as_one(self) -> bytes:
+        """Return what has come as one part from the beginning, encoded."""
+        return Part(self._transfer, 0, bytes(self._bytes)).encode()
 
     def take(self, content: bytes) -> bytes | Abort | None:
         """Take one part; returns the whole, the reason why the part is refused, or None: more has to come."""

@@ -13,6 +13,7 @@ from random import Random
 from heronry_agent.core.vocabulary import (
     ControlProgram,
     ImagesArrived,
+    KeepParts,
     ModuleEvent,
     ProgramChanged,
     ProgramState,
@@ -64,6 +65,10 @@ class CodeDisk(Folder):
         self._files[name] = self._drafts.pop(name)
         self._operate()
 
+    def remove(self, name: str) -> None:
+        """Let there be no such file."""
+        self._files.pop(name, None)
+
     def _operate(self) -> None:
         if self.left is not None:
             self.left -= 1
@@ -99,6 +104,7 @@ class SimulatedLoader:
         self._state = self._store.boot()
         self._pending: WriteProgram | ControlProgram | None = None
         self._error = 0
+        self.kept_parts = self._store.kept()
         self._tell_code()
 
     @property
@@ -109,8 +115,11 @@ class SimulatedLoader:
             return ProgramState(error=self._error)
         return ProgramState(code.version, self._error, digest=bytes.fromhex(code.digest))
 
-    def order(self, action: WriteProgram | ControlProgram) -> None:
-        """Do what the core asks, after a while."""
+    def order(self, action: WriteProgram | KeepParts | ControlProgram) -> None:
+        """Do what the core asks, after a while; parts are kept at once."""
+        if isinstance(action, KeepParts):
+            self._store.keep(action.content)
+            return
         self._pending = action
         later_ns = self._chance.randint(*_WORKS_MS) * _NS_PER_MS
         self._clock.at(self._clock.now_ns + later_ns, lambda: self._work(action))

@@ -22,6 +22,7 @@ from heronry_agent.core.vocabulary import (
     EndPartition,
     Event,
     ImagesMissing,
+    KeepParts,
     KeptState,
     Left,
     MeasureStep,
@@ -128,6 +129,7 @@ class SimulatedPe(Node):
             secret=secret,
             every_echo=has_room,
             program=None if self._loader is None else self._loader.program,
+            kept_parts=b"" if self._loader is None else self._loader.kept_parts,
             takes_tables=True,
         )
         self.steps = ModuleSteps(
@@ -335,7 +337,7 @@ class SimulatedPe(Node):
         if type(action) is Drive:
             self._move(Moved(self._clock.now_ns, self.name, self.steps.names[action.module]))
             return self._host.carry_out(action, self.time.now_ns())
-        if isinstance(action, WriteProgram | ControlProgram):
+        if isinstance(action, WriteProgram | KeepParts | ControlProgram):
             if self._loader is not None:
                 self._loader.order(action)
             return None
