@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
-from time import monotonic
+from time import monotonic, sleep
 
 import pytest
 
@@ -103,6 +103,9 @@ def test_the_file_of_a_node_has_the_table_that_flies(tmp_path: Path) -> None:
     assert prepared.missing == {"extra": "not installed"}
     assert prepared.slow_to_rest == {SERVO_1 + 1, EXTRA}
     assert file.read_text() == TABLE.to_json()
+    here.begin(PrepareTable(TEXT, 2), TABLE)  # the same once more
+    sleep(0.3)
+    assert not list(here.take())
     here.switched(prepared.table)
     assert file.read_bytes() == TEXT
     here.switched(TABLE)

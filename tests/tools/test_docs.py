@@ -86,6 +86,7 @@ RULES = [
     Rule(r"make demo", How.LIVE, more=f"ARGS='--for 2 {FLIES_ALONE}'", in_checkout=True),
     Rule(r"make( help)?", How.RUN, in_checkout=True),
     Rule(r"(heronry|pe-agent|tools/with-vcan)( \w+)? --help", How.RUN),
+    Rule(r"heronry reload .*", How.EXEMPT, "it needs an aircraft that flies; tests/live/test_reload.py has one"),
     Rule(
         r"(heronry|sed) .*\b(my|own)\.dg\.yaml.*|heronry module try my_estimator:.*",
         How.EXEMPT,

@@ -83,6 +83,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("clear", "the operator's order: an element works again", "operator"),
         Command("retire", "the operator's order: what runs on an element moves first", "operator"),
         Command("restore", "the operator's order: a retired element is used again", "operator"),
+        Command("reload", "change a flying aircraft to another spec"),
         Command("unlock", "the operator's order: CANopen tools may write to a PE", "operator"),
     ),
     "watch": (

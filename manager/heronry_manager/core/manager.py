@@ -36,7 +36,7 @@ phase, latched faults, quarantines, what runs (`memory`, which the driver keeps 
 with what they run (`replanning`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from heronry_dg.model import Spec
@@ -50,6 +50,7 @@ from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.planning import PlanRequests, Replanning
+from heronry_manager.core.reloading import Reloading
 from heronry_manager.core.reports import Look, status
 from heronry_manager.core.settings import CodeBundle, ManagerSettings
 from heronry_manager.core.tables import Compiler, ContingencyNumbers
@@ -68,9 +69,12 @@ from heronry_manager.core.vocabulary import (
     OrderToExecute,
     PlanFailed,
     PlanReady,
+    ReloadSpec,
     Reply,
+    SwitchReady,
 )
 from heronry_wire.authentication import Key
+from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
 from heronry_wire.protocol_times import START_UP_WINDOW_NS, late_ns
 from heronry_wire.sansio import NEVER_NS, Received, Tick
@@ -138,8 +142,16 @@ class ManagerCore:
         succession = self._succession = Succession(
             settings, turn, claim, known, beat=beat, replanning=replanning, reactions=reactions
         )
+        self._reloading = Reloading(settings, turn, claim, known)
         self._inbound = Inbound(
-            settings, turn, claim, known, reports=reports, reactions=reactions, succession=succession
+            settings,
+            turn,
+            claim,
+            known,
+            reports=reports,
+            reactions=reactions,
+            succession=succession,
+            reloading=self._reloading,
         )
         self._orders = OperatorOrders(settings, turn, known, requests)
         self._code.clear = reactions.code_arrived
@@ -184,6 +196,26 @@ class ManagerCore:
         return self._deployment.plan
 
     @property
+    def has_key(self) -> bool:
+        """Tell whether commands are tagged."""
+        return self._settings.key is not None
+
+    @property
+    def memory(self) -> Memory:
+        """What the journal keeps of this manager."""
+        return self._turn.memory
+
+    def succeed(self, states: Iterable[Frame]) -> None:
+        """Begin at once, without listening, as the core of the next spec in the process of the manager that was active.
+
+        states: the last page 0 of each PE, as it came. To be called before the first `step`, without a key: with a key
+        a core must first be believed by the PEs, as after a restart.
+        """
+        for frame in states:
+            self._inbound.take(frame)
+        self._claim.listens_until_ns = self._turn.now_ns
+
+    @property
     def now(self) -> Situation:
         """The situation as this manager knows it."""
         return self._situation.now()
@@ -209,6 +241,8 @@ class ManagerCore:
                 self._replanning.ready(event)
             case PlanFailed():
                 self._replanning.failed(event)
+            case SwitchReady():
+                self._reloading.ready(event)
             case OperatorSaid():
                 self._turn.do(*self._accept(event))
             case (
@@ -224,6 +258,7 @@ class ManagerCore:
         self._bringing.end_of_step()
         self._code.end_of_step()
         self._known.unknown_nodes.end_of_step()
+        self._reloading.end_of_step()
         return self._turn.end()
 
     def next_deadline_ns(self) -> int | None:
@@ -240,6 +275,7 @@ class ManagerCore:
             due_ns = min(due_ns, self._beat.next_ns, self._deployment.next_deadline_ns())
             due_ns = min(due_ns, self._details.next_ns, self._bringing.next_ns, self._code.next_ns)
             due_ns = min(due_ns, self._known.unknown_nodes.next_ns)
+            due_ns = min(due_ns, self._reloading.next_ns)
             other_ns = self._replanning.again_ns
         if other_ns is not None:
             due_ns = min(due_ns, other_ns)
@@ -274,6 +310,7 @@ class ManagerCore:
             self._bringing.tick()
             self._code.tick()
             self._known.unknown_nodes.tick()
+            self._reloading.tick()
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
         """Answer a question or execute an order of the operator; a manager that listens or stands by refuses orders."""
@@ -284,7 +321,7 @@ class ManagerCore:
             return ()
         return (self._execute(said.number, said.order),)
 
-    def _execute(self, number: int, order: OrderToExecute) -> Reply:
+    def _execute(self, number: int, order: OrderToExecute | ReloadSpec) -> Reply:
         if self._claim.state is Mastership.STANDBY:
             where = f"give the order to manager {self._following.node}"
             return Reply(number, done=False, sentence=f"this is a standby manager: {where}")
@@ -296,6 +333,13 @@ class ManagerCore:
             why = self._deployment.why_held()
             remedy = "'heronry status' says what to do, and 'heronry fail pe:NAME' gives up a PE"
             return Reply(number, done=False, sentence=f"{why}, so nothing is commanded: {remedy}")
+        if isinstance(order, ReloadSpec):
+            problem = self._reloading.order(order)
+            follows = "'heronry status' shows how far it is"
+            sentence = f"the tables of {order.name} are on their way; {follows}" if problem is None else problem
+            return Reply(number, done=problem is None, sentence=sentence)
+        if self._deployment.is_switching():
+            return Reply(number, done=False, sentence="the PEs change to another spec: give the order again")
         outcome = self._orders.accept(order)
         self._reactions.take(outcome.changes)
         for command in outcome.commands:
@@ -376,4 +420,5 @@ class ManagerCore:
             tables=known.bringing.status(),
             transfers=[one for one in (known.bringing.progress(), known.code.progress()) if one is not None],
             unknown_nodes=known.unknown_nodes.status(),
+            reload=self._reloading.status(),
         )

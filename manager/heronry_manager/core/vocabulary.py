@@ -5,7 +5,7 @@ and drops an answer to an older request.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from heronry_dg.configuration import Configuration
@@ -183,6 +183,59 @@ class ReleaseTarget:
 
 
 @dataclass(frozen=True, slots=True)
+class ReloadSpec:
+    """The operator orders that the aircraft flies by another spec, without a landing (`reloading`).
+
+    name, digest: of the other spec. tables: by PE of both specs, its table as it goes over the bus. leaves: PEs that
+    the other spec does not have. passes: whether an identifier passes to another module.
+    """
+
+    name: str
+    digest: str
+    tables: Mapping[str, bytes]
+    leaves: frozenset[str] = frozenset()
+    passes: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class RequestSwitch:
+    """The core requests the first configuration of the other spec; the driver answers with SwitchReady.
+
+    now: the situation, in the words of the present spec. running: what runs.
+    """
+
+    number: int
+    now: Situation
+    running: Placement
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchReady:
+    """The answer to the RequestSwitch of the same number: a legal plan of the other spec, compiled (`tables`).
+
+    plan: None: there is none, because of `problem`. digest, slices, slice_digests: of the compiled configuration.
+    """
+
+    number: int
+    plan: Plan | None = None
+    digest: int = 0
+    slices: Mapping[int, bytes] = field(default_factory=dict)
+    slice_digests: Mapping[int, int] = field(default_factory=dict)
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SpecSwitched:
+    """All PEs fly by the other spec: the driver ends this core, and begins one of that spec (`ManagerCore.memory`).
+
+    epoch, digest: what they run.
+    """
+
+    epoch: int
+    digest: int
+
+
+@dataclass(frozen=True, slots=True)
 class AskStatus:
     """The operator requests the status."""
 
@@ -198,7 +251,7 @@ OrderToExecute = (
     | FlyTarget
     | ReleaseTarget
 )
-Order = OrderToExecute | AskStatus | AskTraceback
+Order = OrderToExecute | ReloadSpec | AskStatus | AskTraceback
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,5 +283,5 @@ class Reply:
 
 
 DriverEvent = JournalTold | ChannelsLost | AliveLeft | StoodStill
-ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | DriverEvent
-ManagerAction = Send | RequestPlan | Settled | Emit | Keep | Reply | Stop
+ManagerEvent = Received | Tick | PlanReady | PlanFailed | SwitchReady | OperatorSaid | DriverEvent
+ManagerAction = Send | RequestPlan | RequestSwitch | SpecSwitched | Settled | Emit | Keep | Reply | Stop

@@ -10,6 +10,7 @@
     {"v": 1, "do": "unlock", "what": "pe:nav"}
     {"v": 1, "do": "traceback", "what": "module:autopilot"}     {"v": 1, "done": true, "sentence": "Traceback ..."}
     {"v": 1, "do": "script", "what": "Guav.PruneEdges ();"}         the text of a script of component graphs
+    {"v": 1, "do": "reload", "what": "/etc/uav.dg.yaml", "digest": "5f3a..."}     the digest that the operator was shown
     {"v": 1, "do": "release"}                                       the script that is held
     {"v": 1, "do": "follow"}                        a status, then every event: see `followers`
 
@@ -50,14 +51,25 @@ class FlyScript:
 
 
 @dataclass(frozen=True, slots=True)
+class Reload:
+    """Order of the operator: fly by the spec in a file of the manager's computer; `digest`: of the spec that is meant.
+
+    An empty digest means whatever is in the file.
+    """
+
+    file: str
+    digest: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Follow:
     """Request to read the manager's events from now on; what the caller sends afterwards is ignored."""
 
 
 Question = AskStatus | AskTraceback
 OfElement = FailElement | ClearElement | RetireElement | RestoreElement | UnlockPe
-Spoken = EnterPhase | SetPriority | OfElement | FlyScript | ReleaseTarget | Question
-"""The orders and questions that a request can hold: those of the core, except that a script is text (`FlyScript`)."""
+Spoken = EnterPhase | SetPriority | OfElement | FlyScript | Reload | ReleaseTarget | Question
+"""The orders and questions that a request can hold: those of the core, but a script is text, another spec a file."""
 
 WITH_WHAT: Mapping[str, type[EnterPhase | OfElement | FlyScript | AskTraceback]] = {
     "phase": EnterPhase,
@@ -95,6 +107,8 @@ def order_line(order: Spoken | Follow) -> bytes:
             return _line({"v": VERSION, "do": _BARE[type(order)]})
         case SetPriority(function, priority):
             return _line({"v": VERSION, "do": "priority", "what": function, "to": priority})
+        case Reload(file, digest):
+            return _line({"v": VERSION, "do": "reload", "what": file, "digest": digest})
         case EnterPhase(what) | FlyScript(what):
             return _line({"v": VERSION, "do": _CALLED[type(order)], "what": what})
         case _:
@@ -110,6 +124,8 @@ def read_order(line: bytes) -> Spoken | Follow | str:
             return AskStatus()
         case {"v": _, "do": "priority", "what": str(what), "to": int() | None as priority}:
             return SetPriority(what, priority)
+        case {"v": _, "do": "reload", "what": str(what), "digest": str(digest)}:
+            return Reload(what, digest)
         case {"v": _, "do": "release"}:
             return ReleaseTarget()
         case {"v": _, "do": "follow"}:

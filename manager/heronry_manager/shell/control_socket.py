@@ -37,11 +37,12 @@ from heronry_manager.shell.control_protocol import (
     Answer,
     FlyScript,
     Follow,
+    Reload,
     answer_line,
     read_order,
 )
 from heronry_manager.shell.followers import Followers
-from heronry_manager.shell.script_orders import ScriptSaid
+from heronry_manager.shell.script_orders import ReloadSaid, ScriptSaid
 
 MOST_CALLERS = 16
 
@@ -85,7 +86,7 @@ class ControlSocket:
         """Tell whether an order has come that `poll` can return, so that the event loop must not wait."""
         return self._next() is not None
 
-    def poll(self) -> list[OperatorSaid | ScriptSaid]:
+    def poll(self) -> list[OperatorSaid | ScriptSaid | ReloadSaid]:
         """Return the next order if one has arrived, without waiting.
 
         Takes at most one line, of one caller. A line that is no order is answered with an error.
@@ -194,7 +195,7 @@ class ControlSocket:
         if not chunk or (len(lines) > LONGEST_ORDER_BYTES and b"\n" not in lines):
             self._drop(caller)
 
-    def _understood(self, caller: socket.socket, line: bytes) -> OperatorSaid | ScriptSaid | None:
+    def _understood(self, caller: socket.socket, line: bytes) -> OperatorSaid | ScriptSaid | ReloadSaid | None:
         order = read_order(line)
         if isinstance(order, str):
             self._tell(caller, Answer(done=False, sentence=order, is_unusable=True))
@@ -206,6 +207,8 @@ class ControlSocket:
         self._awaiting_answer[self._number] = caller
         if isinstance(order, FlyScript):
             return ScriptSaid(self._number, order)
+        if isinstance(order, Reload):
+            return ReloadSaid(self._number, order)
         return OperatorSaid(self._number, order)
 
     def _follow(self, caller: socket.socket) -> None:

@@ -37,9 +37,12 @@ from heronry_manager.core.vocabulary import (
     Keep,
     ManagerAction,
     ManagerEvent,
+    OperatorSaid,
     Reply,
     RequestPlan,
+    RequestSwitch,
     Settled,
+    SpecSwitched,
     Stop,
 )
 from heronry_manager.shell.control_socket import ControlSocket
@@ -48,14 +51,17 @@ from heronry_manager.shell.journal import Journal
 from heronry_manager.shell.ordered_telling import HELD_NS, OrderedTelling
 from heronry_manager.shell.planner_processes import PlannerProcesses
 from heronry_manager.shell.plants import Plants
-from heronry_manager.shell.script_orders import ScriptSaid
+from heronry_manager.shell.script_orders import ReloadSaid, ScriptSaid
+from heronry_manager.shell.spec_reloads import SpecReloads
 from heronry_wire.frame import Frame
 from heronry_wire.identification import REQUEST_ID
+from heronry_wire.identifiers import PE_NODES, state_id
 from heronry_wire.protocol_times import GATHER_NS
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.service_manager import ServiceManager
 from heronry_wire.standstill import LatenessMeter
+from heronry_wire.state_frames import page_of
 
 # The manager receives commands, EMCYs, states, and the echoes of its own frames (a filter holds back echoes too), but
 # no data, which is most of the traffic.
@@ -69,6 +75,9 @@ FILTERS = (
 )
 _BURSTS = 16  # bursts of frames taken in one turn, so that a flood cannot stop the timers
 
+_READING_NS = 5_000_000  # between looks whether a thread has read another spec
+
+STATE_IDS = frozenset(map(state_id, PE_NODES))
 Emitter = Callable[[events.Event], None]
 
 
@@ -88,6 +97,7 @@ class ManagerDriver:
         emit: Emitter,
         place: events.Place,
         file: str,
+        reloads: SpecReloads,
         in_order: bool = False,
     ) -> None:
         """Prepare to run.
@@ -95,6 +105,7 @@ class ManagerDriver:
         journal: None if nothing is to survive a restart.
         emit: is called with every event.
         place: the bus of the manager, for the clients that follow the events; file: that of its spec, likewise.
+        reloads: reads other specs for the order `reload`.
         in_order: whether events are delayed for a moment before `emit` is called. The manager learns the reason of a
             failure after the consequences of the failure; the delay lets people read the reason first.
         """
@@ -102,6 +113,8 @@ class ManagerDriver:
         self._service, self._journal, self._spec = service, journal, spec
         self._tell_stream, self._place, self._file = emit, place, file
         self._telling = OrderedTelling(emit) if in_order else None
+        self._reloads = reloads
+        self._states: dict[int, tuple[int, Frame]] = {}  # last page 0 of each PE, and when it came
         self._plants = Plants(spec)
         self._pauses, self._has_stood_still = FillerPauses(core.heartbeat_ns), False
         self._journal_problem: str | None = None
@@ -150,7 +163,8 @@ class ManagerDriver:
                 self._service.lives(time.monotonic_ns())
             self._let_fillers_pause()
             for said in self._control.poll():
-                self._step(said.target(self._spec, self._core) if isinstance(said, ScriptSaid) else said)
+                self._said_by_operator(said)
+            self._take_reloads()
             self._link.pump(time.monotonic_ns())
             self._look_at_link()
             self._look_after_journal()
@@ -193,7 +207,7 @@ class ManagerDriver:
     def _beside(self, plan: Plan | None) -> dict[str, Any]:
         """Return the keys of the status that the core does not know; `plan`: the one that runs."""
         journal = None if self._journal is None else str(self._journal.file.absolute())
-        return {"files": {"spec": self._file, "journal": journal}, **self._plants.status(plan)}
+        return {"files": {"spec": self._file, "journal": journal, **self._reloads.files()}, **self._plants.status(plan)}
 
     def _look_after_journal(self) -> None:
         """Sync the journal to the disk if no frame waits to be sent; report journal problems to the core.
@@ -213,6 +227,7 @@ class ManagerDriver:
             return 0
         deadlines = [self._link.next_deadline_ns(), self._planners.next_deadline_ns(), core_due_ns]
         deadlines.append(self._pauses.next_deadline_ns())
+        deadlines.append(time.monotonic_ns() + _READING_NS if self._reloads.is_reading else None)
         deadlines.append(None if self._telling is None else self._on_this_clock(self._telling.due_ns()))
         waits_ns = [deadline_ns - time.monotonic_ns() for deadline_ns in deadlines if deadline_ns is not None]
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
@@ -260,6 +275,8 @@ class ManagerDriver:
         for _ in range(_BURSTS):
             arrivals = self._link.receive(time.monotonic_ns())
             for _, frame in arrivals:
+                if frame.can_id in STATE_IDS and page_of(frame.data) == 0:
+                    self._states[frame.can_id] = self._now_ns(), frame
                 self._step(Received(0, frame))
             while self._said:
                 self._step(AliveLeft(self._said.popleft()))
@@ -284,15 +301,14 @@ class ManagerDriver:
                     has_frames = self._link.put(frame, time.monotonic_ns() + self._core.lease_ns)
                 case RequestPlan() | Settled():
                     answers += self._planners.take(action)
+                case RequestSwitch():
+                    answers.append(self._reloads.first(action))
+                case SpecSwitched():
+                    self._succeed(action)
                 case Emit(told):
-                    self._emit(told)
-                    follows = self._plants.after(told, self._core.plan)
-                    if follows is not None:
-                        self._emit(follows)
-                    self._tell_what_runs(told)
-                case Keep(record):
-                    if self._journal is not None:
-                        self._journal.write(record)
+                    self._happened(told)
+                case Keep(record) if self._journal is not None:
+                    self._journal.write(record)
                 case Reply():
                     self._answer(action)
                 case Stop(reason):
@@ -302,6 +318,45 @@ class ManagerDriver:
             self._link.pump(time.monotonic_ns())
         for known in answers:
             self._step(known)
+
+    def _happened(self, told: events.Event) -> None:
+        self._emit(told)
+        follows = self._plants.after(told, self._core.plan)
+        if follows is not None:
+            self._emit(follows)
+        self._tell_what_runs(told)
+
+    def _said_by_operator(self, said: OperatorSaid | ScriptSaid | ReloadSaid) -> None:
+        if isinstance(said, ReloadSaid):
+            refused = self._reloads.begin(said.number, said.order)
+            if refused is not None:
+                self._answer(refused)
+        else:
+            self._step(said.target(self._spec, self._core) if isinstance(said, ScriptSaid) else said)
+
+    def _take_reloads(self) -> None:
+        for told in self._reloads.poll():
+            if isinstance(told, Reply):
+                self._answer(told)
+            else:
+                self._step(told)
+
+    def _succeed(self, switched: SpecSwitched) -> None:
+        """Go on with a core of the spec by which all PEs fly now; bus, socket and journal stay."""
+        found = self._reloads.takes_over()
+        other = found.other
+        memory = other.memory(self._core.memory, switched)
+        if self._journal is not None:
+            self._journal.is_of(other.spec, memory)
+        now_ns = self._now_ns()
+        heard_ns = now_ns - 2 * self._core.heartbeat_ns
+        self._core, self._planners = found.successor(memory, now_ns)
+        self._spec, self._file, self._plants = other.spec, str(found.file.resolve()), Plants(other.spec)
+        nodes = {state_id(pe.node_id) for pe in other.spec.pes.values()}
+        states = (frame for at_ns, frame in self._states.values() if at_ns >= heard_ns and frame.can_id in nodes)
+        if not self._core.has_key:
+            self._core.succeed(states)
+        self._step(Tick())
 
     def _tell_what_runs(self, told: events.Event) -> None:
         """If the event `told` says that another plan runs from now on, send this plan to the clients.

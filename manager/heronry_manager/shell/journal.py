@@ -188,6 +188,11 @@ class Journal:
         except OSError as error:
             self._fail(error)
 
+    def is_of(self, spec: Spec, memory: Memory) -> None:
+        """Go on as the journal of another spec, with this memory; the whole file is written anew."""
+        self._spec, self.memory = spec, memory
+        self._put_down()
+
     def sync(self, now_ns: int) -> None:
         """Let a thread write the records to the disk (fsync).
 

@@ -13,10 +13,18 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import FlyTarget, OperatorSaid
-from heronry_manager.shell.control_protocol import FlyScript
+from heronry_manager.shell.control_protocol import FlyScript, Reload
 from heronry_pcs.plan_script import apply_to_plan
 
 MOST_PLACEMENTS: Final = 100  # few, since the manager's loop waits for the result
+
+
+@dataclass(frozen=True, slots=True)
+class ReloadSaid:
+    """The order `reload` of a client, with the number of its request (`spec_reloads`)."""
+
+    number: int
+    order: Reload
 
 
 @dataclass(frozen=True, slots=True)

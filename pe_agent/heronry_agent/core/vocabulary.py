@@ -344,7 +344,8 @@ StateEvent = StateSaved | StateRestored | StateLacking | StateUnused
 class PrepareTable:
     """Another table has come beside the one that flies: read it, open its devices, and begin to load its code.
 
-    `TablePrepared` answers, later, since a text may take long to be read (`read_beside`). The modules that run go on.
+    `TablePrepared` answers, later, since a text may take long to be read (`read_beside`). A table that flies, or is
+    beside already, has no answer. The modules that run go on.
 
     text: as it came. number: tells the partitions of this table from those of others that came.
     """

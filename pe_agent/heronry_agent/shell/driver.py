@@ -269,6 +269,7 @@ class AgentDriver:
             self._stopping = self._stopping or (self._until_eof and is_abandoned())
             if self._stopping:
                 return
+        self._numbers.forget_beside()
         self.core, self._accepted, self._lost_channels = self._new_core(self._table), (), {}
 
     def _accept(self, identifiers: Collection[int]) -> None:

@@ -58,6 +58,14 @@ class ModuleNumbers:
             numbers[module.index] = number
         return numbers, new
 
+    def has(self, table: PeTable) -> bool:
+        """Tell whether this table flies, or is beside: then the host is prepared for it."""
+        return table.identity in (self._table.identity, self._beside_table.identity)
+
+    def forget_beside(self) -> None:
+        """Note that no table is beside any more, since the core has begun anew."""
+        self._beside_table, self._beside = self._table, self._number_of
+
     def put_beside(self, table: PeTable, numbers: dict[int, int]) -> None:
         """Note which table is beside, for which the host is prepared; `numbers`: as `of` has given them."""
         self._beside_table, self._beside = table, numbers

@@ -7,7 +7,8 @@
     kept      when the PE flies by the other table, the two files change names: the file of the node has the table that
               flies, also after a loss of power at any moment
 
-Where two tables come one after the other, the last one that was read is the one beside.
+Where two tables come one after the other, the last one that was read is the one beside. One that is beside already, or
+flies, changes nothing.
 """
 
 import os
@@ -58,7 +59,10 @@ class TablePreparing:
                 found = self._read.get_nowait()
             except Empty:
                 return
-            yield TablePrepared(None, problem=found) if isinstance(found, str) else self._prepared(found)
+            if isinstance(found, str):
+                yield TablePrepared(None, problem=found)
+            elif not self.numbers.has(found):  # else it is there already, and slices of it may be staged
+                yield self._prepared(found)
 
     def switched(self, table: PeTable) -> None:
         """Note that the PE flies by the table that was beside, and keep it for the next start."""

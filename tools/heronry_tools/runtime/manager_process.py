@@ -12,12 +12,12 @@ import time
 from contextlib import ExitStack, suppress
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from heronry_dg.model import Spec
 from heronry_dg.wire_limits import require_wire_limits
 from heronry_manager import events
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.tables import Compiler, ContingencyNumbers, PeTables, on_board
 from heronry_manager.planner.client import PlannerClient
@@ -28,6 +28,7 @@ from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.driver import FILTERS, ManagerDriver
 from heronry_manager.shell.journal import Journal
 from heronry_manager.shell.planner_processes import PlannerProcesses
+from heronry_manager.shell.spec_reloads import SpecReloads
 from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.console.bus_flags import what_it_models
 from heronry_tools.console.contingencies_argument import Ahead
@@ -35,16 +36,13 @@ from heronry_tools.console.spec_files import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event, surviving
 from heronry_tools.reports.screen import screen
 from heronry_tools.runtime.bundle_files import read_bundles
+from heronry_tools.runtime.manager_cores import PLANNER_NICENESS, PRE_PLANNER_NICENESS, ManagerCores
 from heronry_tools.runtime.wake_ups import with_heartbeat
 from heronry_wire.bus_arguments import channel_configs, flagged_bus
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 from heronry_wire.key_file import read_key
 from heronry_wire.replicated_link import AnyLink, open_link
 from heronry_wire.service_manager import ServiceManager
-
-# Where all nodes share a computer, as in the demo, a manager that is late loses healthy PEs. So its planner stands back
-# to the priority that the PEs have there, and pre-planning, which may wait, stands back behind them.
-_PLANNER_NICENESS, _PRE_PLANNER_NICENESS = 5, 15
 
 
 def mastership(arguments: argparse.Namespace) -> int:
@@ -64,10 +62,9 @@ def mastership(arguments: argparse.Namespace) -> int:
     def open_bus() -> AnyLink:
         return open_link(channels, bus.heartbeat_ns, bus.misses)
 
-    needs_solver = arguments.contingencies is Ahead.SINGLE_FAULTS
     made = (
         None
-        if needs_solver and not has_solver
+        if arguments.contingencies is Ahead.SINGLE_FAULTS and not has_solver
         else contingencies_of(spec, arguments.contingencies, lambda: open_bus().close())
     )
     table = None if made is None else ContingencyTable(spec, made)
@@ -83,12 +80,21 @@ def mastership(arguments: argparse.Namespace) -> int:
             second = "-advisor" if arguments.advise else "" if _node(arguments) == FIRST_MANAGER else STANDBY
             name = f"{spec.name}{second}"
             control = stack.enter_context(ControlSocket(arguments.socket or default_socket(name)))
-            planner = stack.enter_context(PlannerClient(spec, file, niceness=_PLANNER_NICENESS)) if has_solver else None
+            cores = ManagerCores(arguments, _node(arguments), key, bundles, has_solver, stack)
+            reloads = SpecReloads(
+                spec,
+                file,
+                lambda path: with_heartbeat(load_spec_file(str(path)), arguments.slower_heartbeat_ns),
+                cores.prepare,
+                Path(stack.enter_context(TemporaryDirectory(prefix="heronry-"))),
+            )
+            # Planners read the copy: the file may be edited while the aircraft flies.
+            planner = cores.planner(spec, reloads.flies, PLANNER_NICENESS)
             if planner is not None and made is None:  # else the first plan was made ahead
                 planner.wait_until_ready()
 
-            def start_pre_planner() -> PlannerClient:
-                return stack.enter_context(PlannerClient(spec, file, niceness=_PRE_PLANNER_NICENESS))
+            def start_pre_planner(first_copy: Path = reloads.flies) -> PlannerClient:
+                return stack.enter_context(PlannerClient(spec, first_copy, niceness=PRE_PLANNER_NICENESS))
 
             told = _bus_event(spec.manager.bus, arguments)
             tell(told)
@@ -96,23 +102,12 @@ def mastership(arguments: argparse.Namespace) -> int:
             if journal is not None and journal.warning is not None:
                 _say(journal.warning)
             memory, now_ns = NOTHING if journal is None else journal.memory, time.monotonic_ns()
-            core = ManagerCore(
-                spec,
-                _node(arguments),
-                memory,
-                now_ns,
-                advise=arguments.advise,
-                on_board=numbers,
-                key=key,
-                standby=arguments.standby,
-                tells_departures=True,
-                reads_objects=True,
-                tables=PeTables(compiler, held).contents(),
-                bundles=bundles,
-                compiler=compiler,
-            )
+
+            tables = PeTables(compiler, held).contents()
+            core = cores.core(spec, compiler, memory, now_ns, on_board=numbers, tables=tables)
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)
             planners = PlannerProcesses(policy, planner, start_pre_planner)
+
             parts = (core, link, planners, control)
             driver = ManagerDriver(
                 *parts,
@@ -122,6 +117,7 @@ def mastership(arguments: argparse.Namespace) -> int:
                 emit=tell,
                 place=events.Place(told.name, told.interface, told.channel),
                 file=str(file.resolve()),
+                reloads=reloads,
                 in_order=not arguments.json,
             )
             for number in (signal.SIGTERM, signal.SIGINT):

@@ -11,6 +11,7 @@ epochs at most: `next`, which is being prepared, and `current`, the last one who
     known_epochs       how an epoch is made of a plan, and which old ones are remembered
     reconfiguration    one epoch on its way; the table of its stages
     activation         the steps BREAK, GO and GO_ALL, and what each waits for
+    spec_switch        the epoch by which all PEs change to another spec
     adoption           takes over what runs already, without a new epoch
     numbering          the numbers of terms and epochs: none is used twice
     other_tables       which PEs fly with a table that this manager does not compile for
@@ -43,6 +44,7 @@ from heronry_manager.core.epochs.held_outputs import HeldOutputs
 from heronry_manager.core.epochs.numbering import EPOCHS_PER_TERM, NoTermError, next_term
 from heronry_manager.core.epochs.other_tables import ANOTHER_TABLE
 from heronry_manager.core.epochs.silences import Silences
+from heronry_manager.core.epochs.spec_switch import SpecSwitch
 
 __all__ = [
     "ANOTHER_TABLE",
@@ -54,6 +56,7 @@ __all__ = [
     "HeldOutputs",
     "NoTermError",
     "Silences",
+    "SpecSwitch",
     "Stage",
     "next_term",
 ]

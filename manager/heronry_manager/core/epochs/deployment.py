@@ -40,7 +40,7 @@ only advises reports what it would do, and adopts what the PEs run (`advice`).
     exclusion        what a PE may still drive
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
@@ -54,9 +54,10 @@ from heronry_manager.core.epochs.epoch import Cause, Epoch, Stage
 from heronry_manager.core.epochs.known_epochs import Epochs
 from heronry_manager.core.epochs.observation import Observations, Observed
 from heronry_manager.core.epochs.other_tables import OtherTables
+from heronry_manager.core.epochs.spec_switch import SpecSwitch
 from heronry_manager.core.membership import Exclusion, Health
 from heronry_manager.core.memory import Runs
-from heronry_manager.core.tables import Compiler, ContingencyNumbers
+from heronry_manager.core.tables import CompiledConfiguration, Compiler, ContingencyNumbers
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import COMMAND_OF, Lease, Step, is_newer, newest_epoch
 from heronry_wire.sansio import NEVER_NS, require
@@ -104,6 +105,7 @@ class Deployment:
         self._activation = Activation(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
         self.current: Epoch | None = None  # the last epoch whose ACTIVATE went out
         self.next: Epoch | None = None  # being prepared
+        self.switch: SpecSwitch | None = None  # to another spec, on its way
         self.other_tables = OtherTables(self.observed)
         self._has_given_up = False  # abandoned an epoch since the current one was activated
         self._stopped: set[str] = set()  # modules that some PE has stopped, and that are wanted again
@@ -151,12 +153,16 @@ class Deployment:
     def digest_of(self, epoch: int) -> int | None:
         """Return the digest of the epoch that is being prepared, or of a remembered epoch; None: it is neither."""
         is_next = self.next is not None and self.next.epoch == epoch
+        if self.switch is not None and self.switch.epoch.epoch == epoch:
+            return self.switch.epoch.compiled.digest
         known = self.next if is_next else self.epochs.known(epoch)
         return None if known is None else known.compiled.digest
 
     def lease(self) -> Lease:
         """Return the LEASE to send now, with the current epoch and its step."""
         current = self.current
+        if self.switch is not None and self.switch.is_activated:
+            return self.switch.lease()
         if current is None:
             return Lease(self._turn.term, 0, Step.PREPARED, 0)
         return Lease(self._turn.term, current.epoch, current.step, current.compiled.digest)
@@ -165,8 +171,8 @@ class Deployment:
         """Return the time (ns) at which to call `tick`; NEVER_NS: there is nothing to repeat."""
         due_ns = NEVER_NS
         if not self._turn.silent:
-            for epoch in (self.current, self.next):
-                epoch_ns = None if epoch is None else epoch.next_deadline_ns()
+            for epoch in self._on_their_way():
+                epoch_ns = epoch.next_deadline_ns()
                 if epoch_ns is not None and epoch_ns < due_ns:
                     due_ns = epoch_ns
         return due_ns
@@ -192,6 +198,8 @@ class Deployment:
             return None
         if page.state is PeState.UNCONFIGURED:
             return self._runs_nothing(pe, seen)
+        if self.switch is not None and self.switch.runs(pe, page):
+            return None
         known = self.epochs.known(page.epoch)
         if known is not None and known.compiled.digest == page.digest:
             seen.configured = True
@@ -219,6 +227,8 @@ class Deployment:
 
         Gives the cause for which the PE must be failed (with the reason DIGEST: left alone, `leave_alone`), or None.
         """
+        if self.switch is not None and self.switch.staging(pe, page):
+            return None
         for epoch in (self.next, self.current):
             if epoch is None or page.staged_epoch != epoch.epoch:
                 continue
@@ -257,7 +267,11 @@ class Deployment:
 
     def is_under_way(self) -> bool:
         """Tell whether an epoch is on its way: it is being prepared, or was activated and does not run everywhere."""
-        return self.next is not None or (self.current is not None and self.current.stage is not Stage.DONE)
+        return (
+            self.next is not None
+            or self.switch is not None
+            or (self.current is not None and self.current.stage is not Stage.DONE)
+        )
 
     def is_active(self, pe: str) -> bool:
         """Tell whether the last state of a PE reports ACTIVE: it runs all of its slice."""
@@ -273,6 +287,8 @@ class Deployment:
         self.other_tables.lost(pe)
         if self.current is not None:
             self.current.drop(pe)
+        if self.switch is not None:
+            self.switch.lost(pe)
 
     # From one epoch to the next
 
@@ -289,7 +305,7 @@ class Deployment:
     def is_overtaken_by(self, pe: str) -> bool:
         """Tell whether a PE runs a newer epoch than the last one that this manager opened."""
         last = self.next or self.current
-        return last is not None and is_newer(self.observed.of[pe].epoch, last.epoch)
+        return last is not None and not self.is_switching() and is_newer(self.observed.of[pe].epoch, last.epoch)
 
     def all_available_run_it(self) -> bool:
         """Tell whether every available PE runs the current epoch, and no module of it must be started again.
@@ -355,6 +371,7 @@ class Deployment:
 
     def prepare(self, plan: Plan, causes: Iterable[Cause]) -> None:
         """Open an epoch for this plan, and send PREPARE and the slices; `causes` are why the plan was made."""
+        self._give_up_switch("another configuration goes first")
         self.next = self.epochs.open(plan, causes)
         self._turn.emit(
             events.EpochPrepared,
@@ -367,6 +384,7 @@ class Deployment:
 
     def abandon(self, reason: str) -> None:
         """Abandon the epoch that is being prepared, if there is one; the event gives `reason`."""
+        self._give_up_switch(reason)
         if self.next is not None:
             self.next.abandon()
             self._has_given_up = True
@@ -380,7 +398,49 @@ class Deployment:
         """
         if self._turn.silent:
             return []
-        return [pe for epoch in (self.current, self.next) if epoch is not None for pe in epoch.tick(self._turn.now_ns)]
+        return [pe for epoch in self._on_their_way() for pe in epoch.tick(self._turn.now_ns)]
+
+    def _on_their_way(self) -> Iterator[Epoch]:
+        """Yield the epochs whose commands are repeated; while the spec changes, only the epoch that does it."""
+        if self.is_switching():
+            assert self.switch is not None
+            yield self.switch.epoch
+            return
+        yield from (one for one in (self.current, self.next) if one is not None)
+        if self.switch is not None:
+            yield self.switch.epoch
+
+    # To another spec
+
+    def is_switching(self) -> bool:
+        """Tell whether PEs may fly by another spec already: nothing else is commanded until all do."""
+        return self.switch is not None and self.switch.is_activated
+
+    def open_switch(self, plan: Plan, compiled: CompiledConfiguration) -> SpecSwitch:
+        """Open the epoch by which all available PEs change to another spec."""
+        current = self.current
+        require(current is not None and self.next is None, "a switch beside another epoch: {}", self._turn.recent)
+        assert current is not None
+        pes = [pe for pe in self._health.available() if self._spec.pes[pe].node_id in compiled.slices]
+        self.switch = SpecSwitch(
+            self._turn,
+            Epoch(
+                term=self._turn.term,
+                epoch=self.epochs.numbers.next(self.observed.newest_epoch()),
+                plan=plan,
+                compiled=compiled,
+                placed={},
+                participants=self.epochs.participants(pes, current.plan, 0),
+                bitrate=self.epochs.bitrate,
+                started_ns=self._turn.now_ns,
+            ),
+        )
+        return self.switch
+
+    def _give_up_switch(self, reason: str) -> None:
+        if self.switch is not None and not self.switch.is_activated:
+            self.switch.give_up(reason)
+            self.switch, self._has_given_up = None, True
 
     def advance(self) -> Epoch | None:
         """Send the next step of each epoch for which nothing is left to wait.
@@ -393,11 +453,14 @@ class Deployment:
                 self.abandon(self.other_tables.why())
             else:
                 self._activate(self.next)
+        if self.switch is not None:
+            self.switch.advance()
+            if self.switch.refusal is not None:
+                self._give_up_switch(self.switch.refusal)
         current = self.current
-        is_done = current is not None and self._activation.move_on(current)
-        for epoch in (current, self.next):
-            if epoch is not None:
-                self._flush(epoch)
+        is_done = current is not None and not self.is_switching() and self._activation.move_on(current)
+        for epoch in self._on_their_way():
+            self._flush(epoch)
         return current if is_done else None
 
     def _activate(self, epoch: Epoch) -> None:

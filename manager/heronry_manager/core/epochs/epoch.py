@@ -259,6 +259,11 @@ class Epoch:
         self._progress.pop(pe, None)
         self.must_break.discard(pe)
 
+    def has_staged(self, pe: str) -> bool:
+        """Tell whether a PE has staged its slice, or is no longer waited for."""
+        progress = self._progress.get(pe)
+        return progress is None or progress.staged
+
     def all_staged(self) -> bool:
         """Tell whether every awaited PE has staged its slice."""
         return all(p.staged for p in self._progress.values() if p.participant.awaited)

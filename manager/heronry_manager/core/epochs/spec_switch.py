@@ -2,9 +2,9 @@
 
     PREPARING   each available PE stages a slice of the table that is beside its own. If a PE cannot, or if anything
                 else is to be commanded first, the epoch is given up: the old spec flies on
-    BREAKING    every PE has to report BROKEN, not only those that give up something exclusive: from then on no PE takes
-                an identifier for what it was in the old spec. If a PE is lost meanwhile, GO waits until it has certainly
-                stopped driving what is exclusive
+    BREAKING    every PE has to report BROKEN, not only those that give up something exclusive: from then on no PE
+                takes an identifier for what it was in the old spec. If a PE is lost meanwhile, GO waits until it has
+                certainly stopped driving what is exclusive
     GOING       every PE has to report ACTIVE
     DONE        all PEs fly by the other spec. This manager, which does not know it, commands nothing any more: the
                 driver begins a core of the other spec, which adopts what runs

@@ -24,6 +24,7 @@ from heronry_manager.core.intake.reactions import Reactions
 from heronry_manager.core.intake.succession import Succession
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.mastership import Claim, Mastership
+from heronry_manager.core.reloading import Reloading
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame, Malformed
@@ -57,11 +58,13 @@ class Inbound:
         reports: PeReports,
         reactions: Reactions,
         succession: Succession,
+        reloading: Reloading,
     ) -> None:
         self._is_advising, self._turn, self._claim = settings.advise, turn, claim
         self._situation, self._authenticity, self._details = known.situation, known.authenticity, known.details
         self._bringing, self._code, self._unknown = known.bringing, known.code, known.unknown_nodes
         self._reports, self._reactions, self._succession = reports, reactions, succession
+        self._reloading = reloading
         self._identification = IdentificationService(settings.node)
         pes = settings.spec.pes.values()
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in pes}
@@ -88,6 +91,7 @@ class Inbound:
             or self._bringing.hears(identifier)
             or self._code.hears(identifier)
             or self._unknown.hears(identifier)
+            or self._reloading.hears(identifier)
         )
 
     def take(self, frame: Frame) -> None:
@@ -109,6 +113,7 @@ class Inbound:
             self._bringing.take(frame)
             self._code.take(frame)
             self._unknown.take(frame)
+            self._reloading.take(frame)
             self._sdo(frame)
 
     def _sdo(self, frame: Frame) -> None:

@@ -102,6 +102,8 @@ class PeReports(Hearer):
         """Process an EMCY of a PE: a fault, a notice of a module, or a request for a phase or a priority."""
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET or not self._claim.is_active:
             return
+        if self._deployment.is_switching():
+            return  # its indices may be those of another spec; the PE repeats it to the next manager
         if self._situation.noticed(pe, emergency):
             return
         if emergency.code is FaultCode.STALE:

@@ -67,7 +67,7 @@ class Replanning:
         In a storm of changes, the request or epoch that is under way may be finished first; the change is then
         kept for the next request. No effect if this manager stands by.
         """
-        if self._claim.state is Mastership.STANDBY:
+        if self._claim.state is Mastership.STANDBY or self._deployment.is_switching():
             return
         now_ns = self._turn.now_ns
         since_ns = now_ns if change.since_ns is None else change.since_ns
@@ -215,7 +215,7 @@ class Replanning:
         - The PEs run the plan already: it is dropped.
         """
         deployment = self._deployment
-        if not self._requests.awaits(answer):
+        if not self._requests.awaits(answer) or self._deployment.is_switching():
             return
         if self._requests.gathered and not self._may_finish(answer.plan.configuration):
             self._request()

@@ -19,7 +19,8 @@ No decision on what runs depends on anything here. The pages: docs/canopen.md, d
 """
 
 from heronry_manager.core.provisioning.code_bringing import CodeBringing
-from heronry_manager.core.provisioning.table_bringing import TableBringing
+from heronry_manager.core.provisioning.served_pe import ServedPe
+from heronry_manager.core.provisioning.table_bringing import PART_BYTES, TableBringing
 from heronry_manager.core.provisioning.unknown_nodes import UnknownNodes
 
-__all__ = ["CodeBringing", "TableBringing", "UnknownNodes"]
+__all__ = ["PART_BYTES", "CodeBringing", "ServedPe", "TableBringing", "UnknownNodes"]

@@ -12,8 +12,8 @@ first step ends it: the old spec flies on, and the operator orders it again.
     late       An answer of the driver to a change that was given up is dropped by its number
     doubled    A table that a PE has already is beside once
     forged     With a key tables are sealed, and commands tagged
-    restart    What was not activated is forgotten, and the old spec flies on. If the manager dies between the first step
-               and the last one, the next one takes all PEs to the spec with which it is started
+    restart    What was not activated is forgotten, and the old spec flies on. If the manager dies between the first
+               step and the last one, the next one takes all PEs to the spec with which it is started
 """
 
 from heronry_manager.core.reloading.reload import Reloading

@@ -85,6 +85,7 @@ def status(
     tables: Mapping[str, str],
     transfers: list[dict[str, Any]],
     unknown_nodes: list[dict[str, Any]],
+    reload: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Build the status document; `manager` and `script` are the values of its keys with these names."""
     current, plan, now = deployment.current, deployment.plan, situation.now()
@@ -126,6 +127,7 @@ def status(
         "tables": dict(tables),
         "transfers": transfers,
         "unknown_nodes": unknown_nodes,
+        "reload": dict(reload),
         "unwatched": list(_unwatched(spec, plan)),
     }
 

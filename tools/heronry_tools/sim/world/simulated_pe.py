@@ -316,12 +316,14 @@ class SimulatedPe(Node):
             self._tell_state(numbered, answer)
         return None if answer is None else self._numbers.outward(answer)
 
-    def _prepared(self, action: PrepareTable) -> TablePrepared:
+    def _prepared(self, action: PrepareTable) -> TablePrepared | None:
         """Read and prepare a table that has come beside the one that flies, as a node does (`table_preparing`)."""
         try:
             table = read_beside(action.text, self.core.table, action.number)
         except TableError as error:
             return TablePrepared(None, problem=str(error))
+        if self._numbers.has(table):
+            return None
         numbers, added = self._numbers.of(table)
         devices = {module.device for module in added if module.device is not None}
         self._open.add(table, added, dict.fromkeys(devices, self._plant))

@@ -1,0 +1,137 @@
+"""Orders to fly by another spec: reads the file, and builds what the next core needs, beside the loop of the manager.
+
+    reading     a thread reads and compiles the spec of an order, since that may take longer than a heartbeat period
+    on its way  the core has the order. It asks for the first configuration (`first`), which takes as long as an
+                immediate plan
+    changed     the PEs fly by the other spec: the driver takes it from here (`takes_over`)
+
+The operator has seen what changes before the order: an order names the digest of the spec that was shown, and a file
+that has changed since then is refused. One order is read at a time.
+
+A file may be edited at any time, also while the aircraft flies by it. So the manager keeps copies: of the spec by which
+the aircraft flies (with which `heronry reload` compares the next one), and of the one before (`heronry reload --back`).
+"""
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Thread
+
+from heronry_dg.model import Spec
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import Memory
+from heronry_manager.core.vocabulary import OperatorSaid, ReloadSpec, Reply, RequestSwitch, SwitchReady
+from heronry_manager.shell.control_protocol import Reload
+from heronry_manager.shell.other_spec import OtherSpec
+from heronry_manager.shell.planner_processes import PlannerProcesses
+from heronry_wire.errors import HeronryError
+
+Load = Callable[[Path], Spec]
+"""Reads the spec in a file; raises HeronryError."""
+
+Successor = Callable[[Memory, int], tuple[ManagerCore, PlannerProcesses]]
+"""Makes the core and the planners of another spec, from the memory and the time in ns; raises nothing."""
+
+Prepare = Callable[[OtherSpec, Path], Successor]
+"""Starts the planners of another spec; raises HeronryError."""
+
+
+@dataclass(frozen=True, slots=True)
+class Next:
+    """Another spec, with all that is needed to fly by it."""
+
+    other: OtherSpec
+    file: Path
+    copy: Path
+    order: ReloadSpec
+    successor: Successor
+
+
+class SpecReloads:
+    """The other spec of one manager, if there is one."""
+
+    def __init__(self, spec: Spec, file: Path, load: Load, prepare: Prepare, copies: Path) -> None:
+        """Begin without another spec; `spec`: by which the aircraft flies, from `file`. copies: an empty folder."""
+        self._spec, self._load, self._prepare = spec, load, prepare
+        self._copies, self._count = copies, 0
+        self.before: Path | None = None
+        self.flies = self._copy(file)
+        self._read: SimpleQueue[tuple[int, Next | str]] = SimpleQueue()
+        self._is_reading = False
+        self._next: Next | None = None
+
+    def begin(self, number: int, order: Reload) -> Reply | None:
+        """Begin to read the spec of an order; returns the reply if it is refused at once."""
+        if self._is_reading:
+            return Reply(number, done=False, sentence="another spec is being read: give the order again")
+        self._is_reading = True
+        Thread(target=self._read_one, args=(number, order), daemon=True).start()
+        return None
+
+    def poll(self) -> Iterator[OperatorSaid | Reply]:
+        """Yield the order for the core, or the reply of a refusal, once a spec has been read."""
+        try:
+            number, found = self._read.get_nowait()
+        except Empty:
+            return
+        self._is_reading = False
+        if isinstance(found, str):
+            yield Reply(number, done=False, sentence=found)
+            return
+        self._next = found
+        yield OperatorSaid(number, found.order)
+
+    @property
+    def is_reading(self) -> bool:
+        """Tell whether `poll` will yield something soon."""
+        return self._is_reading
+
+    def first(self, request: RequestSwitch) -> SwitchReady:
+        """Return the first configuration of the other spec."""
+        if self._next is None:
+            return SwitchReady(request.number, problem="there is no other spec")
+        return self._next.other.first(request)
+
+    def takes_over(self) -> Next:
+        """Return what flies from now on."""
+        found, self._next = self._next, None
+        assert found is not None
+        self._spec = found.other.spec
+        self.before, self.flies = self.flies, found.copy
+        return found
+
+    def files(self) -> dict[str, str | None]:
+        """Return what the status shows: the copies of the spec that flies, and of the one before."""
+        return {"flies": str(self.flies), "before": None if self.before is None else str(self.before)}
+
+    def _copy(self, file: Path) -> Path:
+        """Copy a file under its own name, from which a spec may have its own."""
+        folder = self._copies / str(self._count)
+        folder.mkdir()
+        self._count += 1
+        return Path(shutil.copyfile(file, folder / file.name))
+
+    def _read_one(self, number: int, order: Reload) -> None:
+        file = Path(order.file)
+        try:
+            self._read.put((number, self._read_file(file, order.digest)))
+        except HeronryError as error:
+            self._read.put((number, str(error)))
+        except OSError as error:
+            self._read.put((number, f"{file}: {error.strerror}"))
+        except Exception as error:  # noqa: BLE001 - the loop of the manager must go on, whatever a spec makes fail
+            self._read.put((number, f"{file} cannot be read: {type(error).__name__}: {error}"))
+
+    def _read_file(self, file: Path, digest: str) -> Next | str:
+        copy = self._copy(file)
+        spec = self._load(copy)
+        if digest not in ("", spec.digest):
+            return f"{file} has changed since it was shown: give the order again"
+        other = OtherSpec(spec)
+        told = other.order(self._spec)
+        if isinstance(told, str):
+            return told
+        other.warm_up()
+        return Next(other, file, copy, told, self._prepare(other, copy))
