@@ -26,6 +26,7 @@ ORDERS = (
     "clear",
     "retire",
     "restore",
+    "reload",
     "unlock",
     "send-table",
     "adopt",
@@ -329,6 +330,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "retire": ["retire", "--of", "nosuch", "pe:nav"],
     "restore": ["restore", "--of", "nosuch", "pe:nav"],
     "unlock": ["unlock", "--of", "nosuch", "pe:nav"],
+    "reload": ["reload", "--of", "nosuch", "big_blue"],
 }
 NAMES_NOTHING = ("schema", "eds")
 

@@ -3,6 +3,7 @@
 from typing import Any
 
 from heronry_tools.console.manager_argument import add_manager_argument
+from heronry_tools.console.output import add_json
 
 _EPILOG = """\
 The manager that runs here is given SPEC. It brings each PE its new table beside the old one, and one epoch changes all
@@ -23,10 +24,11 @@ def add_parsers(subparsers: Any) -> None:
         "reload", description="Change a flying aircraft to another spec, without a landing.", epilog=_EPILOG
     )
     parser.add_argument("spec", nargs="?", metavar="SPEC", help="the *.dg.yaml by which to fly")
-    parser.add_argument("-y", "--yes", action="store_true", help="do not ask")
+    parser.add_argument("-y", "--yes", action="store_true", help="do not ask; --json does not, either")
     parser.add_argument("--back", action="store_true", help="fly by the spec that flew before the last reload")
     parser.add_argument("--watch", action="store_true", help="reload at each save of SPEC")
     parser.add_argument(
         "--without-standby", action="store_true", help="although a standby manager runs here, which lacks the spec"
     )
     add_manager_argument(parser)
+    add_json(parser)

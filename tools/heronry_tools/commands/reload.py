@@ -17,12 +17,12 @@ from heronry_dg.rules.rule import Severity
 from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_place import STANDBY, found_sockets
-from heronry_manager.shell.control_protocol import Reload
+from heronry_manager.shell.control_protocol import Answer, Reload
 from heronry_tools.analysis.diff.difference import difference
 from heronry_tools.analysis.diff.findings import findings_change
 from heronry_tools.analysis.diff.report import text_report
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.manager_calls import manager_socket
+from heronry_tools.console.manager_calls import manager_socket, say_answer
 from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import spec_path, spec_text
 from heronry_wire.errors import HeronryError
@@ -42,26 +42,26 @@ def run(arguments: argparse.Namespace) -> int:
             "with the new spec afterwards, or give --without-standby"
         )
     if arguments.watch:
-        return _watch(socket, spec_path(arguments.spec))
-    if arguments.back:
-        before = _status(socket)["files"].get("before")
-        if before is None:
-            raise UserError("this manager has flown by no other spec: there is no way back")
-        return _reload(socket, Path(before), asks=False)
-    return _reload(socket, spec_path(arguments.spec), asks=not arguments.yes)
+        return _watch(arguments, socket, spec_path(arguments.spec))
+    if not arguments.back:
+        return say_answer(arguments, _reload(arguments, socket, spec_path(arguments.spec)))
+    before = _status(socket)["files"].get("before")
+    if before is None:
+        raise UserError("this manager has flown by no other spec: there is no way back")
+    return say_answer(arguments, _reload(arguments, socket, Path(before)))
 
 
-def _watch(socket: Path, file: Path) -> int:
+def _watch(arguments: argparse.Namespace, socket: Path, file: Path) -> int:
     """Reload at each save of a file, until the user ends this; a save that cannot fly is told, and changes nothing."""
     seen = None
-    print(f"watching {file}: each save that passes the check flies; end this with Ctrl-C")
+    _tell(arguments, f"watching {file}: each save that passes the check flies; end this with Ctrl-C")
     try:
         while True:
             saved = file.stat().st_mtime_ns if file.exists() else None
             if saved is not None and saved != seen:
                 seen = saved
                 try:
-                    _reload(socket, file, asks=False)
+                    say_answer(arguments, _reload(arguments, socket, file))
                 except HeronryError as error:
                     print(f"heronry: {error}", file=sys.stderr)
             time.sleep(_SAVED_S)
@@ -69,25 +69,21 @@ def _watch(socket: Path, file: Path) -> int:
         return 0
 
 
-def _reload(socket: Path, file: Path, *, asks: bool) -> int:
+def _reload(arguments: argparse.Namespace, socket: Path, file: Path) -> Answer:
+    """Show what changes, ask where the user is to be asked, and wait for the end of the change."""
     status = _status(socket)
     digest, report, errors = _compared(status["files"]["flies"], str(file))
     if digest == status["spec_digest"]:
-        print(f"the aircraft flies by this spec already ({file})")
-        return 0
-    sys.stdout.write(report)
+        return Answer(done=True, sentence=f"the aircraft flies by this spec already ({file})")
+    _tell(arguments, report.rstrip())
     if errors:
-        print(f"heronry: {file} does not pass 'heronry check', so it is not flown", file=sys.stderr)
-        return 1
+        return Answer(done=False, sentence=f"{file} does not pass 'heronry check', so it is not flown")
+    asks = not (arguments.yes or arguments.back or arguments.watch or arguments.json)
     if asks and input("fly by this spec? [y/N] ").strip().lower() not in ("y", "yes"):
-        print("nothing has changed")
-        return 1
+        return Answer(done=False, sentence="nothing has changed")
     began = time.monotonic()
     answer = call(socket, Reload(str(file.resolve()), digest))
-    if not answer.done:
-        print(f"heronry: {answer.sentence}", file=sys.stderr)
-        return 1
-    return _wait(socket, digest, began)
+    return _waited(arguments, socket, digest, began) if answer.done else answer
 
 
 def _compared(old: str, new: str) -> tuple[str, str, bool]:
@@ -102,22 +98,26 @@ def _compared(old: str, new: str) -> tuple[str, str, bool]:
         return specs[1].digest, text_report(difference(*specs, findings)), errors
 
 
-def _wait(socket: Path, digest: str, began: float) -> int:
+def _waited(arguments: argparse.Namespace, socket: Path, digest: str, began: float) -> Answer:
     """Tell how far the change is until it is over."""
     told = None
     while True:
         status = _status(socket)
         if status["spec_digest"] == digest:
-            print(f"the aircraft flies by {status['spec']} since {time.monotonic() - began:.1f} s after the order")
-            return 0
+            took = f"{time.monotonic() - began:.1f} s after the order"
+            return Answer(done=True, sentence=f"the aircraft flies by {status['spec']} since {took}")
         reload = status["reload"]
         if reload["given_up"] is not None:
-            print(f"heronry: given up, the old spec flies on: {reload['given_up']}", file=sys.stderr)
-            return 1
+            return Answer(done=False, sentence=f"given up, the old spec flies on: {reload['given_up']}")
         if reload["state"] != told:
             told = reload["state"]
-            print(told)
+            _tell(arguments, told)
         time.sleep(_LOOK_S)
+
+
+def _tell(arguments: argparse.Namespace, text: str) -> None:
+    if not arguments.json:
+        print(text, flush=True)
 
 
 def _status(socket: Path) -> Mapping[str, Any]:

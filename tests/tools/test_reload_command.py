@@ -1,0 +1,102 @@
+"""`heronry reload` without a manager that flies: what it refuses at once."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.core.vocabulary import AskStatus
+from heronry_manager.shell.control_protocol import Answer, Reload
+from heronry_tools.cli import main
+from heronry_tools.commands import reload
+
+FILE = shipped_spec_path("elevator_and_chute")
+
+
+class Manager:
+    """Answers as a manager that flies elevator_and_chute."""
+
+    def __init__(self, **changed: Any) -> None:
+        self.status = {
+            "spec": "elevator_and_chute",
+            "spec_digest": "old",
+            "files": {"flies": str(FILE), "before": None},
+            "reload": {"to": None, "state": None, "given_up": None},
+            **changed,
+        }
+        self.orders: list[Reload] = []
+        self.takes = True
+
+    def call(self, _path: Path, order: object) -> Answer:
+        if isinstance(order, AskStatus):
+            return Answer(done=True, sentence="", status=self.status)
+        assert isinstance(order, Reload)
+        self.orders.append(order)
+        if self.takes:
+            self.status["spec_digest"] = order.digest
+        return Answer(done=True, sentence="on its way")
+
+
+@pytest.fixture
+def manager(monkeypatch: pytest.MonkeyPatch) -> Manager:
+    found = Manager()
+    monkeypatch.setattr(reload, "call", found.call)
+    monkeypatch.setattr(reload, "found_sockets", list)
+    return found
+
+
+@pytest.fixture
+def newer(tmp_path: Path) -> Path:
+    file = tmp_path / "newer.dg.yaml"
+    file.write_text(FILE.read_text().replace("priority: 20", "priority: 30"))
+    return file
+
+
+def test_what_changes_is_shown_and_the_user_asked(
+    manager: Manager, newer: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("builtins.input", lambda _: "n")
+    assert main(["reload", str(newer), "--socket", "x"]) == 1
+    assert not manager.orders
+    monkeypatch.setattr("builtins.input", lambda _: "y")
+    assert main(["reload", str(newer), "--socket", "x"]) == 0
+    assert [order.file for order in manager.orders] == [str(newer)]
+    assert "the aircraft flies by elevator_and_chute since" in capsys.readouterr().out
+
+
+def test_why_a_change_was_given_up_is_told(manager: Manager, newer: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    manager.takes = False
+    manager.status["reload"] = {"to": None, "state": None, "given_up": "pe:nav is not available any more"}
+    assert main(["reload", str(newer), "--json", "--socket", "x"]) == 1
+    assert "given up, the old spec flies on: pe:nav" in capsys.readouterr().out
+
+
+def test_words_that_name_nothing_or_too_much_are_refused(
+    manager: Manager, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words in ([], ["my.dg.yaml", "--back"], ["--back", "--watch"]):
+        assert main(["reload", *words, "--socket", "x"]) == 2
+    assert main(["reload", "--back", "--socket", "x"]) == 2
+    assert "there is no way back" in capsys.readouterr().err
+    monkeypatch.setattr(reload, "found_sockets", lambda: [Path("uav-standby.sock")])
+    assert main(["reload", str(FILE), "--socket", "x"]) == 2
+    assert "uav-standby lacks the new spec" in capsys.readouterr().err
+    assert not manager.orders
+
+
+def test_each_save_flies_and_a_bad_one_is_told(
+    manager: Manager, newer: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    saves = iter(["dg: 1\n", None])
+
+    def sleep(_seconds: float) -> None:
+        text = next(saves)
+        if text is None:
+            raise KeyboardInterrupt
+        newer.write_text(text)
+
+    monkeypatch.setattr("heronry_tools.commands.reload.time.sleep", sleep)
+    assert main(["reload", "--watch", str(newer), "--socket", "x"]) == 0
+    assert len(manager.orders) == 1
+    assert "heronry: " in capsys.readouterr().err
