@@ -32,6 +32,7 @@ INSIDE_A_ROOM_OF_THE_AGENT = {
     "forwarding": "gateway",
     "modules": "schedule",
     "reports": "faults",
+    "table_change": "switching",
 }
 INSIDE_A_ROOM_OF_THE_MANAGER = {
     "authentication": "authenticity",
@@ -42,6 +43,7 @@ INSIDE_A_ROOM_OF_THE_MANAGER = {
     "membership": "health",
     "planning": "requests",
     "provisioning": "table_bringing",
+    "reloading": "reload",
     "reports": "manager_status",
     "sdo_client": "object_reader",
     "situation": "known_situation",
