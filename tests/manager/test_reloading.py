@@ -11,13 +11,15 @@ import pytest
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_manager.core.reloading import reload
+from heronry_manager.core.sdo_client import OneServed
 from heronry_manager.core.situation import HeldScript
 from heronry_manager.core.vocabulary import EnterPhase, FailElement, ReloadSpec, RequestSwitch, SwitchReady
 from heronry_manager.shell.other_spec import OtherSpec
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Command, Use, classify, management_id, sdo_request_id
+from heronry_wire.identifiers import Command, Use, classify, management_id, sdo_request_id, state_id
 from heronry_wire.management import Lease, Step
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage1
 from manager.reload_world import MS, World
 
 FILE = Path(__file__).parents[2] / "dg_specs" / "elevator_and_chute.dg.yaml"
@@ -356,3 +358,29 @@ def test_an_advising_manager_and_a_held_script_refuse(monkeypatch: pytest.Monkey
     monkeypatch.undo()
     monkeypatch.setattr(world.manager._turn, "silent", True)
     assert "only advises" in world.say(order).sentence
+
+
+def test_a_pe_that_dies_while_the_epoch_is_prepared_leaves_the_old_spec(monkeypatch: pytest.MonkeyPatch) -> None:
+    def kill(world: World, _at: int, frame: Frame) -> bool:
+        if frame.can_id == management_id(126, Command.PREPARE) and world.cores == 1:
+            world.dead.add("tail_pe")
+        return False
+
+    answers = [False]  # something is being read from the first PE
+    begin = OneServed.begin
+
+    def begins(self: OneServed, node: int, now_ns: int) -> bool:
+        return answers.pop() if answers else begin(self, node, now_ns)
+
+    monkeypatch.setattr(OneServed, "begin", begins)
+    world, judge = reloading(kill)
+    world.deliver(Frame(sdo_request_id(94), bytes(8)), "another client")  # of a PE that is not served
+    assert world.run(60_000 * MS, lambda: "tail_pe" in world.dead)
+    page = StatePage1(PeState.ACTIVE, PeFlags.HEARS_LEASE, 1, 0, Reason.NONE, 0)
+    world.deliver(Frame(state_id(92), page.encode()), "late, from beyond a gateway")
+    assert world.run(5_000 * MS, lambda: is_over(world))
+    assert "under way" in world.reload(newer()).sentence
+    assert "silent for 3 heartbeat periods" in str(state(world)["given_up"])
+    world.lost = lambda _number, _frame: False
+    world.boot("tail_pe", world.pes["tail_pe"].core.table.compiled_form, 2)
+    ends_well(world, judge, old())

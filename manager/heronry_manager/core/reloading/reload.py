@@ -177,8 +177,7 @@ class Reloading:
     def _go_on(self) -> None:
         """Bring the next table, or request the configuration when every PE has its table."""
         order = self._order
-        if order is None:
-            return
+        assert order is not None
         if not self._lacks:
             self._number += 1
             self._switch = None
