@@ -264,6 +264,17 @@ def test_the_digest_covers_files_of_which_only_constants_are_imported(
     assert digest("UNIT = 1") == digest("UNIT = 1") != digest("UNIT = 2")
 
 
+def test_a_compiled_module_counts_by_the_source_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    code = written(tmp_path, "compiled_state", main="class Main:\n    pass\n")
+    in_python = code_digest(code)
+    compiled = tmp_path / "compiled_state" / "main.cpython-311-x86_64-linux-gnu.so"
+    compiled.write_bytes(b"machine code")
+    monkeypatch.setattr(sys.modules[code.__module__], "__file__", str(compiled))
+    monkeypatch.setattr("heronry_agent.shell.code_digest._DIGESTS", {})
+    assert code_digest(code) == in_python
+
+
 def test_a_class_without_a_file_has_a_digest() -> None:
     code = type("Made", (Module,), {"__module__": "made_up"})
     assert len(code_digest(code)) == 8

@@ -36,6 +36,7 @@ from heronry_manager.shell.control_protocol import (
     LONGEST_ORDER_BYTES,
     Answer,
     FlyScript,
+    Reload,
     Spoken,
     order_line,
     read_answer,
@@ -57,6 +58,8 @@ ORDERS: list[Spoken] = [
     UnlockPe("pe:nav"),
     FlyScript("G.PruneEdges ();\n"),
     ReleaseTarget(),
+    Reload("changed.dg.yaml", "0123456789abcdef"),
+    Reload("changed.dg.yaml"),
 ]
 
 

@@ -3,8 +3,9 @@
 The digest covers the files of the module's class and of its base classes, and the files that they name in their import
 statements, directly or through others, with the packages in which they are, as long as they belong to the same top-
 level package or to `heronry_agent.parts`. The statements are read, wherever they stand, and not what has been imported:
-that differs from one partition to another. Other packages are not covered: if a new version of one of them gives the
-saved numbers another meaning, change a line of the module, too.
+that differs from one partition to another. A compiled module counts by its source, if that lies beside it. Other
+packages are not covered: if a new version of one of them gives the saved numbers another meaning, change a line of the
+module, too.
 """
 
 import ast
@@ -12,6 +13,7 @@ import sys
 from collections.abc import Iterator
 from hashlib import sha256
 from importlib.machinery import PathFinder
+from pathlib import Path
 from typing import Any
 
 from heronry_wire.checkpoint_frames import DIGEST_BYTES
@@ -51,9 +53,16 @@ def _files(code: type) -> Iterator[tuple[str, bytes]]:
         file, loader, folders = _place(name)
         read = getattr(loader, "get_data", None)
         if file is not None and read is not None:
-            content, parent = read(file), name.rpartition(".")[0]
+            content, parent = read(_source(file)), name.rpartition(".")[0]
             yield name, content
             frontier += [parent, *_imported(content, parent if folders is None else name)]
+
+
+def _source(file: str) -> str:
+    """Return the source beside a compiled module, which is the same on each machine; any other file as it is."""
+    path = Path(file)
+    source = path.with_name(path.name.partition(".")[0] + ".py")
+    return str(source) if path.suffix == ".so" and source.is_file() else file
 
 
 def _place(name: str) -> tuple[str | None, Any, Any]:

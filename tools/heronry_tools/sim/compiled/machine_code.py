@@ -210,6 +210,8 @@ def compile_into(folder: Path, files: Iterable[Path] | None = None) -> None:
         if file.is_file():  # else mypyc will report it
             file.write_text(with_native_classes(file.read_text(), _MADE_OFTEN, _DERIVED_FROM))
     _run("compiling", ("-m", "mypyc", *map(str, chosen)), folder)
+    for name, file in _copied():  # the digest of a module's code is that of its source, not of what was compiled
+        shutil.copyfile(file, folder / name)
     for left in ("build", ".mypy_cache"):
         shutil.rmtree(folder / left, ignore_errors=True)
 
