@@ -39,7 +39,7 @@ def test_a_rehearsal_gives_the_worst_of_its_processes() -> None:
 def test_a_computer_that_stands_still_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     sleep = time.sleep
     monkeypatch.setattr(time, "sleep", lambda wait_s: sleep(wait_s + 0.06))
-    assert latest_wake_up_ns(2, 0.05) >= 60 * MS
+    assert latest_wake_up_ns(2, 0.5) >= 60 * MS
 
 
 def test_what_computes_beside_a_rehearsal_ends_with_it() -> None:

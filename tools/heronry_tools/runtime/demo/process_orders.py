@@ -60,7 +60,7 @@ class ProcessOrders:
         finally:
             os.umask(before)
         self._listener.setblocking(False)
-        self._listener.listen(MOST_CALLERS)
+        self._listener.listen()  # with room for more callers than are let in: a full queue refuses the next one at once
 
     def __enter__(self) -> Self:
         return self
