@@ -15,7 +15,7 @@ examples:
   heronry send-table big_blue flight -i socketcan -c can0 --key fleet.key    where both have a key: beside the manager
 
 A manager brings tables by itself; this command is for a desk without one.
-The table goes by SDO block transfer into object 2020h. A PE that has its table takes no other: restart the PE first.
+The table goes by SDO block transfer into object 2020h. A PE that flies keeps what comes beside its own table.
 With a key the manager, which must run on this computer, unlocks the PE first, as with 'heronry unlock'.
 """
 
