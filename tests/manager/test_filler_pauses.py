@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from heronry_dg.loader import load
 from heronry_dg.objective import placement
 from heronry_dg.shipped import shipped_spec_path
@@ -34,7 +36,8 @@ from heronry_dg.loader import load
 from heronry_manager.planner.client import PlannerClient
 file = Path(sys.argv[1])
 planner = PlannerClient(load(file), file)
-planner.wait_until_ready()
+if sys.argv[2] == "ready":
+    planner.wait_until_ready()
 planner.hold(True)
 print(planner.process_id, flush=True)
 os.kill(os.getpid(), signal.SIGKILL)
@@ -103,6 +106,8 @@ def test_both_processes_stand_still_and_go_on_where_they_were() -> None:
         processes = PlannerProcesses(
             PlanningPolicy(SPEC, Greedy(SPEC), has_planner=True), planner, lambda: pre_planner, calm_ns=0
         )
+        for one in (planner, pre_planner):
+            one.wait_until_ready()
         assert processes.take(Settled(Situation(), RUNNING)) == processes.poll() == []
         processes.take(RequestPlan(1, TAIL_LOST, RUNNING, in_background=True))
         begun_ns = time.monotonic_ns()
@@ -123,6 +128,7 @@ def test_both_processes_stand_still_and_go_on_where_they_were() -> None:
 def test_a_plan_that_the_aircraft_waits_for_is_made_during_a_pause() -> None:
     with PlannerClient(SPEC, FILE) as planner:
         processes = PlannerProcesses(PlanningPolicy(SPEC, None, has_planner=True), planner, lambda: planner, calm_ns=0)
+        planner.wait_until_ready()
         processes.take(RequestPlan(1, TAIL_LOST, RUNNING, in_background=True))
         processes.hold(True, time.monotonic_ns())
         until(lambda: stands_still(planner))
@@ -158,7 +164,7 @@ def test_a_process_that_stands_still_ends_in_order_and_its_successor_stands_stil
         planner.hold(True)
         planner.cancel()
         assert planner.process_id != first
-        until(lambda: stands_still(planner))
+        until(lambda: not planner.poll() and stands_still(planner))  # as soon as it is ready
         planner.request(2, Situation(), None)
         planner.hold(False)
         answers: list[object] = []
@@ -171,8 +177,9 @@ def test_a_process_that_stands_still_ends_in_order_and_its_successor_stands_stil
     assert state_of(last) is None
 
 
-def test_a_manager_that_is_killed_during_a_pause_leaves_no_process() -> None:
-    command = [sys.executable, "-c", MANAGER_THAT_IS_KILLED, str(FILE)]
+@pytest.mark.parametrize("process", ["ready", "starting"])
+def test_a_manager_that_is_killed_during_a_pause_leaves_no_process(process: str) -> None:
+    command = [sys.executable, "-c", MANAGER_THAT_IS_KILLED, str(FILE), process]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as manager:
         said, _ = manager.communicate(timeout=120)
     assert manager.returncode == -signal.SIGKILL

@@ -6,8 +6,8 @@ same for the life of the client, and calls `poll()` whenever this descriptor is 
 caller has to call `cancel()`.
 
 `hold(True)` stops the process (SIGSTOP), so that it takes no processor time at all, and `hold(False)` lets it go on
-where it was. A process that is started meanwhile is stopped at once. If the client ends while its process is stopped,
-the process ends, too (`service`).
+where it was. A process that starts is stopped only when it has loaded the solver: before, it may not have arranged yet
+to end with its client (`service`), and a stopped process cannot do so.
 
 Every request gets exactly one answer, `Planned` or `Failed`; only a request that `cancel()` drops gets none. If the
 process ends, its request has failed, and the next request starts another process.
@@ -134,7 +134,7 @@ class PlannerClient:
         """Stop the process, or let it go on; requests meanwhile wait. No effect if this is so already."""
         if is_held != self._is_held:
             self._is_held = is_held
-            if self._process is not None:
+            if self._process is not None and self.ready:
                 self._process.signal(signal.SIGSTOP if is_held else signal.SIGCONT)
 
     def cancel(self) -> None:
@@ -181,8 +181,6 @@ class PlannerClient:
 
     def _start(self) -> None:
         self._process = _Process(self._file.fileno(), self._name, self._niceness)
-        if self._is_held:
-            self._process.signal(signal.SIGSTOP)
         self._selector.register(self._process.answers, EVENT_READ)
 
     def _stop(self, *, kill: bool) -> int | None:
@@ -223,6 +221,8 @@ class PlannerClient:
             return self._ended(f"the manager has ended the planner's process, which wrote a wrong line: {error}")
         if isinstance(answer, Ready):
             self.ready = True
+            if self._is_held and self._process is not None:
+                self._process.signal(signal.SIGSTOP)
             return []
         request, self._inside = self._inside, None
         self._send_next()

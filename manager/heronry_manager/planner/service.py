@@ -12,7 +12,8 @@ longer be written. A thread waits for the end of standard input, so that a searc
 cancel a request, a client ends the process.
 
 A client may also stop the process (SIGSTOP) and let it go on. A stopped process cannot notice that its client has
-ended, so the kernel kills it then. That is arranged before the solver is loaded, which takes most of the start.
+ended, so the kernel kills it then. That is arranged before the solver is loaded, and a client stops no process that has
+not said that it is ready.
 """
 
 import os
