@@ -2,9 +2,10 @@
 
 Where asammdf is installed, `import can` imports it, and pandas with it, to read measurement files. This takes half a
 second of processor time in every process of a system, and no process here reads such files by python-can. asyncio, with
-OpenSSL below it, is a tenth of the memory of an agent, and python-can needs it only for listeners that are coroutines.
-So this file hides asammdf during the import, and lets python-can import asyncio when it first asks for something of it.
-If the program has already imported python-can or one of these, that is not hidden.
+OpenSSL below it, is a tenth of the memory of an agent, and python-can needs it only for listeners that are coroutines;
+it needs sqlite3 for logs in data bases, and wrapt for a bus that several threads share. So this file hides asammdf and
+wrapt during the import, and lets python-can import the two others when it first asks for something of them. If the
+program has already imported python-can or one of these, that is not hidden.
 """
 
 import sys
@@ -16,7 +17,7 @@ from typing import Any
 class _Later(ModuleType):
     """Stands for a module until something of it is asked for."""
 
-    AbstractEventLoop = object  # python-can names it in an annotation
+    AbstractEventLoop = Connection = object  # python-can names them in annotations
 
     def __getattr__(self, name: str) -> Any:
         if sys.modules.get(self.__name__) is self:
@@ -24,7 +25,12 @@ class _Later(ModuleType):
         return getattr(import_module(self.__name__), name)
 
 
-_stand_ins: dict[str, ModuleType | None] = {"asammdf": None, "asyncio": _Later("asyncio")}  # None: its import fails
+_stand_ins: dict[str, ModuleType | None] = {
+    "asammdf": None,  # its import fails
+    "asyncio": _Later("asyncio"),
+    "sqlite3": _Later("sqlite3"),
+    "wrapt": None,
+}
 _hidden = {} if "can" in sys.modules else {k: one for k, one in _stand_ins.items() if k not in sys.modules}
 sys.modules.update(_hidden)  # type: ignore[arg-type]
 try:

@@ -1,4 +1,4 @@
-"""python-can is imported without asammdf and asyncio, and both can be used afterwards."""
+"""python-can is imported without what it does not need, and all of it can be used afterwards."""
 
 import ast
 import subprocess
@@ -36,6 +36,18 @@ import asyncio
 print(can.notifier.asyncio.iscoroutine is asyncio.iscoroutine)
 """
     assert printed(program) == "False False\nTrue"
+
+
+def test_a_log_in_a_data_base_is_written_and_read(tmp_path: Path) -> None:
+    program = f"""
+import sys
+from heronry_wire.bare_can import can
+print("sqlite3" in sys.modules, "wrapt" in sys.modules)
+with can.SqliteWriter({str(tmp_path / "log.db")!r}) as log:
+    log(can.Message(arbitration_id=5, data=[1, 2]))
+print([one.arbitration_id for one in can.SqliteReader({str(tmp_path / "log.db")!r})])
+"""
+    assert printed(program) == "False False\n[5]"
 
 
 def test_a_stand_in_makes_way_for_what_is_asked_during_the_import(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,9 +30,9 @@ from lab.benches.processes import busy, family_cpu_s, resident_mib
 from lab.benches.state_frames import forget_waiting, lateness_ms
 
 _SETTLE_S = 3.0  # from the first configuration on: the manager plans ahead, and late PEs join
-_START_UP = (
-    "import resource, time; start = time.process_time(); import heronry_agent.shell.cli; "
-    "print(time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+_START_UP = (  # VmHWM begins anew with exec; getrusage(2) would tell the memory of the process that started this one
+    "import re, time; start = time.process_time(); import heronry_agent.shell.cli; "
+    "print(time.process_time() - start, re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1])"
 )
 
 
