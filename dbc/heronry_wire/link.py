@@ -478,6 +478,8 @@ class Link:
             self._set_filters()
         if self._waiting_since_ns is None:
             self._waiting_since_ns = now_ns
+        if self.one_at_a_time:  # the time in the controller is measured: without what this turn has computed before
+            now_ns = time.monotonic_ns()
         try:
             self._port.send(frame, self._haste())
         except (can.CanError, OSError) as error:

@@ -123,6 +123,16 @@ def test_how_long_a_frame_was_in_the_controller_is_known_from_its_echo(hub: Path
         assert sender.departures_ns() == []
 
 
+def test_what_a_gateway_computed_before_it_handed_a_frame_over_is_not_the_time_of_its_radio(hub: Path) -> None:
+    turn_ns = 3_600_000_000_000
+    with closing(link_to(hub)) as sender:
+        sender.one_at_a_time = True
+        sender.send(Frame(0x123, bytes(8)), time.monotonic_ns() - turn_ns)
+        while not (departures := sender.departures_ns()):
+            turn(sender)
+        assert 100_000 < departures[0] < turn_ns
+
+
 def test_what_means_nothing_here_does_not_come_and_echoes_still_do(hub: Path) -> None:
     with closing(link_to(hub)) as sender, closing(link_to(hub)) as receiver:
         receiver.accept({500})
