@@ -2,6 +2,9 @@
 
 A helper whose standard input ends notices only while it runs. The kernel also kills a helper that computes, or that is
 stopped (SIGSTOP).
+
+A helper arranges this itself, at its start; so it must not be stopped before. Its parent could arrange it between fork
+and exec (`preexec_fn`), but Python code that runs there may hang, and the parent with it, if the parent has threads.
 """
 
 import ctypes

@@ -13,7 +13,8 @@ plans that were found are kept, and the next demo continues from them.
                          close() ends the process
 
 While a PE is suspected, or a plan or an epoch is under way, the demo stops the process, and lets it go on afterwards.
-If the demo is killed meanwhile, the kernel kills the process.
+If the demo is killed meanwhile, the kernel kills the process. A stopped process cannot arrange that, so the process is
+stopped only after it has: then it is SCHED_BATCH.
 """
 
 import os
@@ -65,7 +66,7 @@ class PlanningAhead:
     def pause_if(self, *, is_something_under_way: bool) -> None:
         """Stop the process (SIGSTOP) while a PE is suspected or something is under way; else let it go on."""
         is_held = is_something_under_way or bool(self._suspected)
-        if is_held != self._is_held and self._process is not None:
+        if is_held != self._is_held and self._process is not None and _ends_with_demo(self._process):
             self._is_held = is_held
             self._process.send_signal(signal.SIGSTOP if is_held else signal.SIGCONT)
 
@@ -106,6 +107,11 @@ class PlanningAhead:
         return f"the {questions(self._spec)} plans for every single fault are complete: the next demo uses them"
 
 
+def _ends_with_demo(process: "subprocess.Popen[bytes]") -> bool:
+    """Tell whether the process has arranged that it ends with the demo (`main`)."""
+    return process.poll() is None and os.sched_getscheduler(process.pid) == os.SCHED_BATCH
+
+
 def main() -> int:
     """Make and keep the plans for every single fault of a spec; returns the exit code.
 
@@ -113,7 +119,7 @@ def main() -> int:
     """
     die_with(os.getppid())
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)
+    os.setpriority(os.PRIO_PROCESS, 0, max(_NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))  # never back to a higher one
     threading.Thread(target=_end_with_demo, daemon=True).start()
     made = contingencies_of(load_spec(sys.argv[1]), Ahead.SINGLE_FAULTS, workers=1)  # itself: loading takes longest
     return 0 if made is not None else 1
