@@ -283,6 +283,7 @@ def test_a_change_ends_where_it_cannot_go_on() -> None:
     world = flying()
     assert world.reload(newer()).done
     assert "under way" in world.reload(newer()).sentence
+    assert world.manager.changes_spec
     world.run(100 * MS)
     world.deliver(Frame(sdo_request_id(92), bytes(8)), "another client")
     world.run(10 * MS)

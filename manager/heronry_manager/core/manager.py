@@ -186,6 +186,11 @@ class ManagerCore:
         return self._replanning.is_urgent or known.deployment.is_under_way() or known.health.suspects_any()
 
     @property
+    def changes_spec(self) -> bool:
+        """Tell whether a change to another spec is under way."""
+        return self._reloading.is_under_way
+
+    @property
     def term(self) -> int:
         """The number of this manager's present or last mastership."""
         return self._turn.term

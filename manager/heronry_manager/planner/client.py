@@ -70,10 +70,10 @@ class Failed:
 
 
 class PlannerClient:
-    """The planner of one spec in a process of its own, which is started with the client and then loads the solver."""
+    """The planner of one spec in a process of its own, which loads the solver when it is started."""
 
-    def __init__(self, spec: Spec, file: Path, *, niceness: int = 0) -> None:
-        """Start the process.
+    def __init__(self, spec: Spec, file: Path, *, niceness: int = 0, starts: bool = True) -> None:
+        """Start the process, or (starts: False) let `start` or the first request do that.
 
         Raises PlannerError if `file` has another meaning now than when `spec` was loaded, or there is no room for it.
 
@@ -93,7 +93,8 @@ class PlannerClient:
         self._unread = b""
         self._process: _Process | None = None
         self._is_held = False
-        self._start()
+        if starts:
+            self.start()
 
     def __enter__(self) -> Self:
         return self
@@ -111,6 +112,15 @@ class PlannerClient:
     def process_id(self) -> int | None:
         """Identifier of the planner's process; None while there is none."""
         return None if self._process is None else self._process.process_id
+
+    def start(self) -> None:
+        """Start the process if there is none.
+
+        The calling thread must go on as long as this program: the process ends with its thread (`parent_death`).
+        """
+        if self._process is None:
+            self._process = _Process(self._file.fileno(), self._name, self._niceness)
+            self._selector.register(self._process.answers, EVENT_READ)
 
     def request(self, number: int, now: Situation, running: Placement | None) -> None:
         """Request a plan; `poll` returns the answer, with this number."""
@@ -142,7 +152,7 @@ class PlannerClient:
         self._waiting.clear()
         if self._inside is not None:
             self._stop(kill=True)
-            self._start()
+            self.start()
 
     def wait_until_ready(self) -> None:
         """Block until the process has loaded the solver; raises PlannerError if the process ends instead.
@@ -179,10 +189,6 @@ class PlannerClient:
     def _wait(self, longest_s: float | None = None) -> None:
         select.select([self.fileno()], [], [], longest_s)
 
-    def _start(self) -> None:
-        self._process = _Process(self._file.fileno(), self._name, self._niceness)
-        self._selector.register(self._process.answers, EVENT_READ)
-
     def _stop(self, *, kill: bool) -> int | None:
         """End the process and return its exit code; None if there is no process."""
         process, self._process = self._process, None
@@ -195,8 +201,7 @@ class PlannerClient:
     def _send_next(self) -> None:
         if self._inside is not None or not self._waiting:
             return
-        if self._process is None:
-            self._start()
+        self.start()
         assert self._process is not None
         self._inside = self._waiting.popleft()
         self._process.send(request_line(self._inside))

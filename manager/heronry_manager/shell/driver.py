@@ -335,7 +335,7 @@ class ManagerDriver:
             self._step(said.target(self._spec, self._core) if isinstance(said, ScriptSaid) else said)
 
     def _take_reloads(self) -> None:
-        for told in self._reloads.poll():
+        for told in self._reloads.poll(is_changing=self._core.changes_spec):
             if isinstance(told, Reply):
                 self._answer(told)
             else:
@@ -350,7 +350,7 @@ class ManagerDriver:
             self._journal.is_of(other.spec, memory)
         now_ns = self._now_ns()
         heard_ns = now_ns - 2 * self._core.heartbeat_ns
-        self._core, self._planners = found.successor(memory, now_ns)
+        self._core, self._planners = found.successor.make(memory, now_ns)
         self._spec, self._file, self._plants = other.spec, str(found.file.resolve()), Plants(other.spec)
         nodes = {state_id(pe.node_id) for pe in other.spec.pes.values()}
         states = (frame for at_ns, frame in self._states.values() if at_ns >= heard_ns and frame.can_id in nodes)

@@ -5,6 +5,12 @@
                 immediate plan
     changed     the PEs fly by the other spec: the driver takes it from here (`takes_over`)
 
+An order that comes while another one is on its way is given to the core, too, which refuses it: the other spec stays
+that of the first order. Where an order ends without a change, its spec is forgotten.
+
+The planners of the other spec load the solver while its tables are on their way. The loop of the manager starts them,
+not the thread, with which they would end (`parent_death`); another thread ends them, since that may take a moment.
+
 The operator has seen what changes before the order: an order names the digest of the spec that was shown, and a file
 that has changed since then is refused. One order is read at a time.
 
@@ -31,11 +37,22 @@ from heronry_wire.errors import HeronryError
 Load = Callable[[Path], Spec]
 """Reads the spec in a file; raises HeronryError."""
 
-Successor = Callable[[Memory, int], tuple[ManagerCore, PlannerProcesses]]
-"""Makes the core and the planners of another spec, from the memory and the time in ns; raises nothing."""
+
+@dataclass(frozen=True, slots=True)
+class Successor:
+    """What flies by another spec.
+
+    start: starts its planners. make: makes its core and its planners' owner, from the memory and the time in ns.
+    close: ends its planners, whether they were started or not. None of them raises anything.
+    """
+
+    start: Callable[[], None]
+    make: Callable[[Memory, int], tuple[ManagerCore, PlannerProcesses]]
+    close: Callable[[], None]
+
 
 Prepare = Callable[[OtherSpec, Path], Successor]
-"""Starts the planners of another spec; raises HeronryError."""
+"""Makes ready what flies by another spec; raises HeronryError."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +69,14 @@ class Next:
 class SpecReloads:
     """The other spec of one manager, if there is one."""
 
-    def __init__(self, spec: Spec, file: Path, load: Load, prepare: Prepare, copies: Path) -> None:
-        """Begin without another spec; `spec`: by which the aircraft flies, from `file`. copies: an empty folder."""
-        self._spec, self._load, self._prepare = spec, load, prepare
+    def __init__(
+        self, spec: Spec, file: Path, load: Load, prepare: Prepare, copies: Path, *, close: Callable[[], None]
+    ) -> None:
+        """Begin without another spec; `spec`: by which the aircraft flies, from `file`.
+
+        copies: an empty folder. close: ends the planners of `spec`.
+        """
+        self._spec, self._load, self._prepare, self._close = spec, load, prepare, close
         self._copies, self._count = copies, 0
         self.before: Path | None = None
         self.flies = self._copy(file)
@@ -70,8 +92,14 @@ class SpecReloads:
         Thread(target=self._read_one, args=(number, order), daemon=True).start()
         return None
 
-    def poll(self) -> Iterator[OperatorSaid | Reply]:
-        """Yield the order for the core, or the reply of a refusal, once a spec has been read."""
+    def poll(self, *, is_changing: bool) -> Iterator[OperatorSaid | Reply]:
+        """Yield the order for the core, or the reply of a refusal, once a spec has been read.
+
+        is_changing: whether the core carries out an order.
+        """
+        if self._next is not None and not is_changing:  # refused, or given up
+            _in_background(self._next.successor.close)
+            self._next = None
         try:
             number, found = self._read.get_nowait()
         except Empty:
@@ -79,9 +107,14 @@ class SpecReloads:
         self._is_reading = False
         if isinstance(found, str):
             yield Reply(number, done=False, sentence=found)
-            return
-        self._next = found
-        yield OperatorSaid(number, found.order)
+        else:
+            if is_changing:
+                found.successor.close()
+            else:
+                self._next = found
+                found.successor.start()
+            yield OperatorSaid(number, found.order)
+        self._tidy()
 
     @property
     def is_reading(self) -> bool:
@@ -98,13 +131,20 @@ class SpecReloads:
         """Return what flies from now on."""
         found, self._next = self._next, None
         assert found is not None
-        self._spec = found.other.spec
+        _in_background(self._close)
+        self._spec, self._close = found.other.spec, found.successor.close
         self.before, self.flies = self.flies, found.copy
         return found
 
     def files(self) -> dict[str, str | None]:
         """Return what the status shows: the copies of the spec that flies, and of the one before."""
         return {"flies": str(self.flies), "before": None if self.before is None else str(self.before)}
+
+    def _tidy(self) -> None:
+        """Remove the copies that nobody needs any more; none is being made meanwhile."""
+        needed = [self.flies, self.before, None if self._next is None else self._next.copy]
+        for folder in {*self._copies.iterdir()} - {copy.parent for copy in needed if copy is not None}:
+            shutil.rmtree(folder, ignore_errors=True)
 
     def _copy(self, file: Path) -> Path:
         """Copy a file under its own name, from which a spec may have its own."""
@@ -135,3 +175,7 @@ class SpecReloads:
             return told
         other.warm_up()
         return Next(other, file, copy, told, self._prepare(other, copy))
+
+
+def _in_background(end: Callable[[], None]) -> None:
+    Thread(target=end, daemon=True).start()

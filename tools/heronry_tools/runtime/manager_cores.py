@@ -52,21 +52,33 @@ class ManagerCores:
         )
 
     def prepare(self, other: OtherSpec, file: Path) -> Successor:
-        """Start the planners of a spec that may follow; none of its plans is made ahead. Raises PlannerError."""
-        planner = self.planner(other.spec, file, PLANNER_NICENESS)
-        pre_planner = self.planner(other.spec, file, PRE_PLANNER_NICENESS)
+        """Make the planners of a spec that may follow; none of its plans is made ahead. Raises PlannerError."""
+        own = self.stack.enter_context(ExitStack())
+        planner, pre_planner = (
+            self.planner(own, other.spec, file, niceness, starts=False)
+            for niceness in (PLANNER_NICENESS, PRE_PLANNER_NICENESS)
+        )
+
+        def start() -> None:
+            for one in (planner, pre_planner):
+                if one is not None:
+                    one.start()
 
         def start_pre_planner() -> PlannerClient:
             assert pre_planner is not None, "there is a solver"
             return pre_planner
 
-        def successor(memory: Memory, now_ns: int) -> tuple[ManagerCore, PlannerProcesses]:
+        def make(memory: Memory, now_ns: int) -> tuple[ManagerCore, PlannerProcesses]:
             policy = PlanningPolicy(other.spec, other.planner, has_planner=self.has_solver)
             core = self.core(other.spec, other.compiler, memory, now_ns, tables=other.contents)
             return core, PlannerProcesses(policy, planner, start_pre_planner)
 
-        return successor
+        return Successor(start, make, own.close)
 
-    def planner(self, spec: Spec, file: Path, niceness: int) -> PlannerClient | None:
-        """Start a planner; None: there is no solver. Raises PlannerError."""
-        return self.stack.enter_context(PlannerClient(spec, file, niceness=niceness)) if self.has_solver else None
+    def planner(
+        self, stack: ExitStack, spec: Spec, file: Path, niceness: int, *, starts: bool = True
+    ) -> PlannerClient | None:
+        """Return a planner, which ends with `stack`; None: there is no solver. Raises PlannerError."""
+        if not self.has_solver:
+            return None
+        return stack.enter_context(PlannerClient(spec, file, niceness=niceness, starts=starts))

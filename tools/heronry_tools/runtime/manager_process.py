@@ -76,7 +76,7 @@ def mastership(arguments: argparse.Namespace) -> int:
     service = ServiceManager()
     file = spec_path(arguments.spec)
     try:
-        with ExitStack() as stack:
+        with ExitStack() as stack, ExitStack() as planners_of_first:
             second = "-advisor" if arguments.advise else "" if _node(arguments) == FIRST_MANAGER else STANDBY
             name = f"{spec.name}{second}"
             control = stack.enter_context(ControlSocket(arguments.socket or default_socket(name)))
@@ -87,14 +87,15 @@ def mastership(arguments: argparse.Namespace) -> int:
                 lambda path: with_heartbeat(load_spec_file(str(path)), arguments.slower_heartbeat_ns),
                 cores.prepare,
                 Path(stack.enter_context(TemporaryDirectory(prefix="heronry-"))),
+                close=planners_of_first.close,
             )
             # Planners read the copy: the file may be edited while the aircraft flies.
-            planner = cores.planner(spec, reloads.flies, PLANNER_NICENESS)
+            planner = cores.planner(planners_of_first, spec, reloads.flies, PLANNER_NICENESS)
             if planner is not None and made is None:  # else the first plan was made ahead
                 planner.wait_until_ready()
 
             def start_pre_planner(first_copy: Path = reloads.flies) -> PlannerClient:
-                return stack.enter_context(PlannerClient(spec, first_copy, niceness=PRE_PLANNER_NICENESS))
+                return planners_of_first.enter_context(PlannerClient(spec, first_copy, niceness=PRE_PLANNER_NICENESS))
 
             told = _bus_event(spec.manager.bus, arguments)
             tell(told)

@@ -72,6 +72,11 @@ class Reloading:
         self._again_ns = self._turn.now_ns
         return None
 
+    @property
+    def is_under_way(self) -> bool:
+        """Tell whether an order is being carried out."""
+        return self._order is not None
+
     def status(self) -> dict[str, Any]:
         """Return what the status shows: the spec to which the change leads, how far it is, why it was given up."""
         order = self._order
