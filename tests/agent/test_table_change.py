@@ -37,6 +37,8 @@ from agent.one_pe import (
 from agent.test_given_table import begin, is_refused, write
 from heronry_agent.core.vocabulary import (
     Action,
+    AtRest,
+    ImagesArrived,
     ImagesMissing,
     Note,
     SaveState,
@@ -46,6 +48,7 @@ from heronry_agent.core.vocabulary import (
     SwitchTable,
 )
 from heronry_wire.configuration_slice import ModuleSlice, Slice
+from heronry_wire.identifiers import emergency_event_id
 from heronry_wire.management import Activate, Alive, Control, ElementKind, FaultCode, Lease, Operation, Step
 from heronry_wire.pe_table import CheckpointEntry, ModuleEntry, PeTable, PhaseEntry, Port, SourceEntry, VariableEntry
 from heronry_wire.sansio import Withdraw
@@ -92,8 +95,8 @@ def bring(pe: OnePe, table: PeTable = OTHER) -> list[Action]:
     return [action for _, action in pe.done[before:]]
 
 
-def flying(wanted: Slice = FLYING, table: PeTable = TABLE) -> OnePe:
-    pe = OnePe(table, takes_tables=True)
+def flying(wanted: Slice = FLYING, table: PeTable = TABLE, *, slow: frozenset[int] = frozenset()) -> OnePe:
+    pe = OnePe(table, takes_tables=True, slow_to_rest=slow)
     pe.configure(wanted, 5)
     pe.fly(5 * BEAT_NS, epoch=5, digest=1005)
     return pe
@@ -245,6 +248,54 @@ def test_code_that_the_new_table_lacks_is_told_and_its_slice_refused() -> None:
     assert not emergencies(back, FaultCode.MODULE_MISSING)
     again = switched(pe, SAME, 9)
     assert [one.index for one in emergencies(again, FaultCode.MODULE_MISSING)] == [EXTRA]
+
+
+def test_code_of_the_new_table_that_cannot_be_imported_is_lacking_before_the_switch() -> None:
+    pe = flying()
+    bring(pe)
+    pe.give(ImagesMissing({"extra": "it cannot be imported"}))
+    pe.command(*slice_of(LONGER, 6))
+    assert pe.ask()[1].reason is Reason.IMAGE
+    pe.give(ImagesArrived(frozenset({"extra"})))
+    pe.command(*slice_of(LONGER, 7))
+    assert pe.ask()[1].staged_epoch == 7
+
+
+def test_slow_devices_are_waited_for_after_the_way_back_too() -> None:
+    pe = flying(slow=frozenset({SERVO_1}))
+    bring(pe)
+    switched(pe, SAME)
+    switched(pe, FLYING, 7, TABLE)
+    pe.command(*slice_of(replace(FLYING, modules=FLYING.modules[:1]), 8, TABLE), Activate(1, 8, Step.BREAK, 1008))
+    assert pe.ask()[0].epoch == 7
+    pe.give(AtRest(SERVO_1))
+    assert pe.ask()[0].epoch == 8
+
+
+@pytest.mark.parametrize("names", [OTHER.module_names, tuple(n for n in OTHER.module_names if n != "servo_1")])
+def test_the_slow_device_of_a_module_that_the_pe_does_not_have_any_more_is_waited_for(names: tuple[str, ...]) -> None:
+    there = (one for one in OTHER.modules if one.name != "servo_1")
+    other = replace(
+        OTHER, modules=tuple(replace(one, index=names.index(one.name)) for one in there), module_names=names
+    )
+    pe = flying(slow=frozenset({SERVO_1}))
+    bring(pe, other)
+    pe.command(*slice_of(replace(SAME, modules=SAME.modules[:1]), 6, other), Activate(1, 6, Step.BREAK, 1006))
+    page = pe.ask()[0]
+    assert (page.state, page.epoch) == (PeState.ACTIVE, 5), "as if BREAK had not come"
+    assert "does not come to rest" not in notes(pe.pass_time(LEASE_NS + MS))
+    page = pe.ask()[0]
+    assert (page.state, page.epoch) == (PeState.BROKEN, 6)
+
+
+def test_what_is_flight_critical_follows_the_table() -> None:
+    old = replace(TABLE, flight_critical=("module:control",))
+    new = replace(OTHER, flight_critical=("module:control",))
+    pe = flying(FLYING, old)
+    bring(pe, new)
+    switched(pe, SAME, 6, new)
+    actions = pe.give(StepFailed(CONTROL + 1, pe.core.modules.schedule.begin(CONTROL + 1, pe.now_ns), "it broke", ""))
+    assert len(sent(actions, emergency_event_id(NODE))) == 1
 
 
 def test_an_identifier_that_passes_to_another_module_is_exclusive_while_both_tables_are_there() -> None:

@@ -363,17 +363,19 @@ class AgentCore:
     def _code_changed(self, event: ImagesMissing | ImagesArrived | ProgramChanged) -> None:
         """Take what is known anew of the code on this PE.
 
-        Images that are missing: report their modules to the manager, and refuse slices with these from now on. Images
-        that have arrived: accept such slices; the faults of their modules stay until the manager clears them.
+        Images that are missing: report their modules to the manager, and refuse slices with these from now on, also
+        slices of the table beside. Images that have arrived: accept such slices; the faults of their modules stay until
+        the manager clears them.
         """
-        lacking = self.staging.reader.missing_images
+        readers = [one for one in (self.staging.reader, self.staging.beside) if one is not None]
         match event:
             case ImagesMissing(images):
-                lacking |= images
+                for reader in readers:
+                    reader.missing_images |= images
                 self.modules.lack(images)
             case ImagesArrived(arrived):
-                for image in arrived:
-                    lacking.pop(image, None)
+                for reader in readers:
+                    reader.missing_images = {i: why for i, why in reader.missing_images.items() if i not in arrived}
                 self.modules.have(arrived)
             case ProgramChanged(state):  # pragma: no branch - nothing else is left
                 require(self._programs is not None, "a loader reports, and this PE was started without one")

@@ -10,6 +10,9 @@ or has to be started again. Until then another branch must not move:
     at rest   AtRest has come, or the module runs again, or T_lease has passed: for longer no PE is waited for that may
               drive something exclusive, and a device that hangs may never come to rest. That is noted in the log
 
+When another table takes the place of the one that flies, a device whose module this PE does not have in it is waited
+for T_lease, since its AtRest names no module any more.
+
 A late or doubled AtRest changes nothing. A restart of the agent forgets all: its devices begin with the safe action.
 """
 
@@ -17,6 +20,8 @@ from heronry_agent.core.carried_over import CarriedOver
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_wire.sansio import NEVER_NS
+
+_GONE = -1  # stands for the modules that the table which flies does not have on this PE
 
 
 class Rests:
@@ -61,14 +66,19 @@ class Rests:
             self._turn.wants_page_0 = True
 
     def carry_over(self, carried: CarriedOver) -> None:
-        """Take the indices of another table; for the device of a module that it does not have nothing is awaited."""
+        """Take the indices of another table, whose contents the index has now; the caller sets which are `slow`."""
         named, moving = carried.named_modules, self._moving
-        self._moving = {named[module]: until_ns for module, until_ns in moving.items() if module in named}
+        self._moving = {}
+        for module, until_ns in moving.items():
+            now = named.get(module, _GONE)
+            now = now if now in self._index.modules else _GONE
+            self._moving[now] = max(until_ns, self._moving.get(now, until_ns))
         self._waiting = {named[module] for module in self._waiting if module in named}
-        self.slow = frozenset(named[module] for module in self.slow if module in named)
 
     def tick(self) -> None:
         """Wait no longer for devices that have not come to rest in time."""
         for module in [module for module, until_ns in self._moving.items() if self._turn.now_ns >= until_ns]:
-            self._turn.note("output", f"the device of module {self._index.modules[module].name} does not come to rest")
+            if module != _GONE:
+                name = self._index.modules[module].name
+                self._turn.note("output", f"the device of module {name} does not come to rest")
             self.came(module)

@@ -143,7 +143,7 @@ class RunningModules:
         self._lacking = {carried.named_modules[m] for m in self._lacking if m in carried.named_modules}
         self.schedule.renumber(carried.modules)
         self.restarts.renumber(carried.modules)
-        self.faults.renumber(carried.element)
+        self.faults.renumber(carried.element, self._index.critical)
         self.echoes.carry_over(self._index.table, carried)
         self.mailboxes.carry_over(carried)
         self.rests.carry_over(carried)

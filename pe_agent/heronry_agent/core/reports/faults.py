@@ -100,16 +100,20 @@ class Faults:
         """Tell whether a phase request has not been acknowledged yet."""
         return any(code is FaultCode.PHASE_REQUEST for code, _, _ in self._pending)
 
-    def renumber(self, element: Callable[[ElementKind, int], int | None]) -> None:
+    def renumber(
+        self, element: Callable[[ElementKind, int], int | None], critical: Collection[tuple[ElementKind, int]]
+    ) -> None:
         """Give all elements the indices that they have in another table; what it does not have is forgotten.
 
-        element: returns the new index of an element, None: it has none.
+        element: returns the new index of an element, None: it has none. critical: the flight-critical elements of that
+        table, by their new indices.
         """
 
         def other(emergency: Emergency) -> Emergency | None:
             found = element(emergency.kind, emergency.index)
             return None if found is None else replace(emergency, index=found)
 
+        self._critical = frozenset(critical)
         pending = [(at_ns, other(emergency)) for at_ns, emergency in self._pending.values()]
         self._pending = {_key(emergency): (at_ns, emergency) for at_ns, emergency in pending if emergency is not None}
         told = [(other(emergency), at_ns) for emergency, at_ns in self._told.values()]

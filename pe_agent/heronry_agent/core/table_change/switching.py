@@ -57,7 +57,7 @@ class TableSwitch:
         beside = staging.beside
         assert other is not None
         assert beside is not None
-        carried, slow = CarriedOver(index, other), self._beside.slow
+        carried, slow = CarriedOver(index, other), self._modules.rests.slow
         goes_on = self._goes_on(carried, target)
         self._modules.carry_out(self._active.leave(goes_on), None)
         same = {
@@ -74,8 +74,8 @@ class TableSwitch:
         self._followed.lease_ns = index.leased_ns
         staging.staged = replace(target, table=None)
         lacking, staging.reader = staging.reader.missing_images, SliceReader(index, beside.missing_images)
-        self._beside.put(other, lacking, self._modules.rests.slow)
-        self._modules.rests.slow = slow
+        self._modules.rests.slow = self._beside.slow
+        self._beside.put(other, lacking, slow)
         self._turn.do(SwitchTable(index.table, {module: carried.modules[module] for module in goes_on}))
         self._modules.lack(beside.missing_images)
         self._turn.note("table", f"the table of {index.table.spec}, which was beside, flies from now on")
