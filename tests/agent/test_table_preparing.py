@@ -82,15 +82,16 @@ def answer(preparing: TablePreparing) -> TablePrepared:
     raise AssertionError("the table was not read")
 
 
-def preparing(file: Path | None, *, refuses: str = "") -> TablePreparing:
-    def opens(_table: PeTable, added: Collection[ModuleEntry]) -> frozenset[int]:
-        if refuses:
-            raise DeviceDriverError(refuses)
+def preparing(file: Path | None, *, refuses: str = "", kept: list[Collection[int]] | None = None) -> TablePreparing:
+    def opens(table: PeTable, added: Collection[ModuleEntry]) -> frozenset[int]:
+        if refuses and refuses in table.spec:
+            raise DeviceDriverError("device pump cannot be opened")
         return frozenset({SERVO_1, *(module.index for module in added if module.name == "extra")})
 
     told: list[str] = []
     why = {"extra": "not installed"}.get
-    return TablePreparing(TABLE, file, open_added=opens, why_not_here=why, tell=told.append)
+    keep_only = ([] if kept is None else kept).append
+    return TablePreparing(TABLE, file, open_added=opens, keep_only=keep_only, why_not_here=why, tell=told.append)
 
 
 def test_the_file_of_a_node_has_the_table_that_flies(tmp_path: Path) -> None:
@@ -120,7 +121,7 @@ def test_a_table_that_cannot_be_flown_or_kept_is_told_and_leaves_all_as_it_was(t
         assert answer(here).problem
     here.begin(PrepareTable(TEXT, 1), TABLE)
     here.switched(answer(here).table or TABLE)  # a node without a file
-    refusing = preparing(None, refuses="device pump cannot be opened")
+    refusing = preparing(None, refuses="other")
     refusing.begin(PrepareTable(TEXT, 1), TABLE)
     assert answer(refusing).problem == "device pump cannot be opened"
     lost = preparing(tmp_path / "no_such_folder" / "pe.table")
@@ -131,12 +132,46 @@ def test_a_table_that_cannot_be_flown_or_kept_is_told_and_leaves_all_as_it_was(t
 def test_a_file_that_cannot_be_changed_is_told(tmp_path: Path) -> None:
     file, told = tmp_path / "pe.table", list[str]()
     file.write_text("")
-    here = TablePreparing(TABLE, file, open_added=lambda *_: frozenset(), why_not_here=lambda _: None, tell=told.append)
+    here = preparing(file)
+    here._tell = told.append
     here.begin(PrepareTable(TEXT, 1), TABLE)
     prepared = answer(here)
     (tmp_path / "pe.table.beside").unlink()
     here.switched(prepared.table or TABLE)
     assert "cannot be changed" in told[0]
+
+
+def test_the_second_file_is_that_of_the_table_beside_whatever_comes_after_it(tmp_path: Path) -> None:
+    file = tmp_path / "pe.table"
+    file.write_text(TABLE.to_json())
+    here = preparing(file, refuses="unflyable")
+    here._read_one(PrepareTable(TEXT, 1), TABLE)
+    (prepared,) = here.take()
+    unflyable = replace(OTHER, spec="unflyable", spec_digest="33" * 32).to_json().encode()
+    for number, text in enumerate((TABLE.to_json().encode(), unflyable, b"{"), 2):
+        here._read_one(PrepareTable(text, number), TABLE)
+    assert [one.problem is None for one in here.take()] == [False, False]
+    here.switched(prepared.table or TABLE)
+    assert file.read_bytes() == TEXT
+    here._read_one(PrepareTable(TEXT.replace(b"monitor", b"watcher"), 5), BESIDE)
+    assert "damaged" in (next(here.take()).problem or "")
+    here._read_one(PrepareTable(replace(OTHER, spec_digest="44" * 32).to_json().encode(), 6), BESIDE)
+    (tmp_path / "pe.table.coming-6").unlink()
+    assert "cannot have it beside it" in (next(here.take()).problem or "")
+    assert {path.name for path in tmp_path.iterdir()} == {"pe.table", "pe.table.beside"}
+
+
+def test_only_the_modules_of_the_two_tables_are_kept() -> None:
+    kept: list[Collection[int]] = []
+    here = preparing(None, kept=kept)
+    first = {module.index for module in TABLE.modules}
+    for number, digest in enumerate(("11", "22", "33"), 1):
+        table = replace(OTHER, spec_digest=digest * 32)
+        here._read_one(PrepareTable(table.to_json().encode(), number), TABLE)
+        (prepared,) = here.take()
+    assert kept == [first | {5, 6}, first | {7, 8}, first | {9, 10}]  # `extra` and the faster `monitor`
+    here.switched(prepared.table or TABLE)
+    assert here.numbers.in_use == kept[-1]
 
 
 def test_devices_of_new_modules_are_opened_and_one_with_another_driver_is_refused() -> None:

@@ -180,6 +180,21 @@ def test_a_hang_is_measured_and_ended_from_outside(hosted: Hosted) -> None:
     assert hosted.pids()["good"] == before["good"]
 
 
+@on("Misbehaving")
+def test_the_partition_of_a_table_that_neither_flies_nor_is_beside_any_more_ends(hosted: Hosted) -> None:
+    hosted.start(CONTROL)
+    assert hosted.demand(CONTROL) == 1.0
+    hosted.entries[9] = replace(hosted.entries[CONTROL], index=9, partition="bad+1")
+    hosted.host._devices.add(TABLE, [hosted.entries[9]], {})
+    hosted.host.add([hosted.entries[9]], time.monotonic_ns())
+    hosted.start(9)
+    assert hosted.demand(9) == 1.0
+    hosted.do(StopModule(9))
+    hosted.host.keep_only({CONTROL, MONITOR, SERVO_1})
+    assert "bad+1" not in hosted.pids()
+    assert hosted.demand(CONTROL) == 2.0
+
+
 def test_one_that_was_stopped_while_it_hangs_does_not_hold_its_partition() -> None:
     hosted = Hosted("Sleeps", good="bad")
     try:

@@ -230,6 +230,7 @@ def _run_with(
             table,
             arguments.table,
             open_added=open_added,
+            keep_only=host.keep_only,
             why_not_here=why_not_here,
             tell=lambda sentence: tell(Note("disk", sentence)),
         )

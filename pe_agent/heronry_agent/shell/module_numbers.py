@@ -62,6 +62,11 @@ class ModuleNumbers:
         """Tell whether this table flies, or is beside: then the host is prepared for it."""
         return table.identity in (self._table.identity, self._beside_table.identity)
 
+    @property
+    def in_use(self) -> frozenset[int]:
+        """Numbers of the modules of the table that flies, and of the one beside it."""
+        return frozenset((*self._number_of.values(), *self._beside.values()))
+
     def forget_beside(self) -> None:
         """Note that no table is beside any more, since the core has begun anew."""
         self._beside_table, self._beside = self._table, self._number_of

@@ -109,6 +109,14 @@ class PartitionHost:
         if self._cold and self._warm_ns == NEVER_NS:
             self._warm_ns = now_ns
 
+    def keep_only(self, modules: Collection[int]) -> None:
+        """End each partition that has none of these modules: its table neither flies nor is beside any more."""
+        kept = {self._entries[module].partition for module in modules}
+        self._entries = {module: entry for module, entry in self._entries.items() if entry.partition in kept}
+        self._cold = [name for name in self._cold if name in kept]
+        for name in self._processes.keys() - kept:
+            self._end(name, tell=False)
+
     def watch(self, now_ns: int) -> tuple[list[PartitionProcess | PartitionLog], int]:
         """Return what `select` is to wait for: the partitions and the pipes to which they print.
 
