@@ -249,6 +249,15 @@ def test_a_pe_that_refuses_it_is_told_once_and_tried_again_after_its_restart(err
     assert flight.fly(flight.has_come)
 
 
+def test_a_pe_that_has_refused_it_is_tried_again_when_the_operator_has_cleared_the_fault() -> None:
+    flight = Flight(error=7)
+    assert not flight.fly(flight.has_come, 20_000 * MS)
+    flight.pe.error = 0
+    say(flight.manager, ClearElement(f"module:{MODULE}"))
+    flight.manager.report(PE, LACK)  # at once, as a PE does
+    assert flight.fly(flight.has_come)
+
+
 def test_to_a_pe_with_a_newer_version_nothing_is_sent() -> None:
     flight = Flight()
     flight.pe.programs.changed(ProgramState(BUNDLE.version + 1))

@@ -8,8 +8,8 @@
     arrived     the PE runs this bundle: the faults of all modules whose images the bundle holds are cleared on this
                 PE, and the planner does the rest
     refused     the PE runs another bundle of this version, or a newer one: nothing is sent. Or it has refused the
-                bundle (errors 6 and 7): it is brought it again only after it has restarted, or after the operator has
-                cleared the fault
+                bundle (errors 6 and 7): it is brought it again only after it has restarted, or has reported the lack
+                anew, as it does when the operator has cleared the fault
     paused      something has failed, or another SDO client has made a request to the PE. The pause doubles, and what
                 the PE has of the bundle is not sent again
 
@@ -91,7 +91,7 @@ class CodeBringing:
         self._bundle: CodeBundle | None = None  # that goes to the PE which is served
         self._looks = 0
         self._told: dict[str, str] = {}
-        self._refused: dict[str, int | None] = {}  # by PE that has refused its bundle: its incarnation then
+        self._refused: dict[str, tuple[int | None, int]] = {}  # by PE: its incarnation when it refused, and the time
         in_bundles = frozenset[str]().union(*(one.images for one in self._bundles))
         self._needs: dict[str, frozenset[str]] = {  # by PE: its images that come in bundles
             pe.name: in_bundles.intersection(
@@ -171,7 +171,7 @@ class CodeBringing:
             pe = fault.by
             ready_ns = max(self._client.not_before_ns(pe), fault.since_ns + _AFTER_JOINING_NS)
             image = self._spec.modules[_module(fault)].image
-            if image in self._needs[pe] and ready_ns <= now_ns and self._may_try(pe):
+            if image in self._needs[pe] and ready_ns <= now_ns and self._may_try(fault):
                 bundle = self._bundle_for(self._needs[pe])
                 if bundle is None:
                     self._fail(
@@ -187,9 +187,10 @@ class CodeBringing:
                     self._ask(pe, bundle)
                     return
 
-    def _may_try(self, pe: str) -> bool:
-        is_the_same = pe in self._refused and self._refused[pe] == self._health.incarnation(pe)
-        return self._health.is_available(pe) and not is_the_same
+    def _may_try(self, fault: LatchedFault) -> bool:
+        incarnation, refused_ns = self._refused.get(fault.by, (None, -1))
+        has_refused = refused_ns >= fault.since_ns and incarnation == self._health.incarnation(fault.by)
+        return self._health.is_available(fault.by) and not has_refused
 
     def _bundle_for(self, images: frozenset[str]) -> CodeBundle | None:
         holding = [one for one in self._bundles if images <= one.images]
@@ -230,7 +231,7 @@ class CodeBringing:
                 look_later()
             elif status:
                 if status >> 1 in _FOR_GOOD:
-                    self._refused[pe] = self._health.incarnation(pe)
+                    self._refused[pe] = self._health.incarnation(pe), self._turn.now_ns
                 why = "its loader does not end its work" if status & 1 else f"it gives the error {status >> 1} of 1F57h"
                 self._fail(pe, _ERRORS.get(status >> 1, why))
             else:
