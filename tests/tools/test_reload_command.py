@@ -1,5 +1,6 @@
 """`heronry reload` without a manager that flies: what it refuses at once."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,8 @@ class Manager:
         self.orders.append(order)
         if self.takes:
             self.status["spec_digest"] = order.digest
+        elif self.status["reload"] is None:
+            self.status["reload"] = {"to": order.digest, "state": "0 of 3 PEs have the table", "given_up": None}
         return Answer(done=True, sentence="on its way")
 
 
@@ -72,6 +75,39 @@ def test_why_a_change_was_given_up_is_told(manager: Manager, newer: Path, capsys
     assert "given up, the old spec flies on: pe:nav" in capsys.readouterr().out
 
 
+def test_an_order_that_the_manager_has_forgotten_is_not_waited_for(
+    manager: Manager, newer: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manager.takes = False
+    forgotten, manager.status["reload"] = manager.status["reload"], None
+
+    def restart(_seconds: float) -> None:
+        manager.status["reload"] = forgotten
+
+    monkeypatch.setattr("heronry_tools.commands.reload.time.sleep", restart)
+    assert main(["reload", str(newer), "--yes", "--socket", "x"]) == 1
+    said = capsys.readouterr()
+    assert "0 of 3 PEs have the table" in said.out
+    assert "does not carry out this order any more" in said.out + said.err
+
+
+def test_without_an_answer_to_the_question_nothing_changes(
+    manager: Manager, newer: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert main(["reload", str(newer), "--socket", "x"]) == 1
+    assert "nothing has changed" in capsys.readouterr().err
+    assert not manager.orders
+
+
+def test_a_manager_that_knows_no_reload_is_told(
+    manager: Manager, newer: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manager.status["files"] = {"spec": str(FILE), "journal": None}
+    assert main(["reload", str(newer), "--socket", "x"]) == 2
+    assert "start it again with this version" in capsys.readouterr().err
+
+
 def test_words_that_name_nothing_or_too_much_are_refused(
     manager: Manager, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,13 +124,15 @@ def test_words_that_name_nothing_or_too_much_are_refused(
 def test_each_save_flies_and_a_bad_one_is_told(
     manager: Manager, newer: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    saves = iter(["dg: 1\n", None])
+    saves = iter(["", "dg: 1\n", None])
 
     def sleep(_seconds: float) -> None:
         text = next(saves)
         if text is None:
             raise KeyboardInterrupt
-        newer.write_text(text)
+        newer.unlink(missing_ok=True)  # as an editor does
+        if text:
+            newer.write_text(text)
 
     monkeypatch.setattr("heronry_tools.commands.reload.time.sleep", sleep)
     assert main(["reload", "--watch", str(newer), "--socket", "x"]) == 0

@@ -57,7 +57,7 @@ def _watch(arguments: argparse.Namespace, socket: Path, file: Path) -> int:
     _tell(arguments, f"watching {file}: each save that passes the check flies; end this with Ctrl-C")
     try:
         while True:
-            saved = file.stat().st_mtime_ns if file.exists() else None
+            saved = _saved_ns(file)
             if saved is not None and saved != seen:
                 seen = saved
                 try:
@@ -67,6 +67,14 @@ def _watch(arguments: argparse.Namespace, socket: Path, file: Path) -> int:
             time.sleep(_SAVED_S)
     except KeyboardInterrupt:
         return 0
+
+
+def _saved_ns(file: Path) -> int | None:
+    """Return when a file was saved last; None: it is not there, as for a moment while an editor saves it."""
+    try:
+        return file.stat().st_mtime_ns
+    except OSError:
+        return None
 
 
 def _reload(arguments: argparse.Namespace, socket: Path, file: Path) -> Answer:
@@ -79,11 +87,19 @@ def _reload(arguments: argparse.Namespace, socket: Path, file: Path) -> Answer:
     if errors:
         return Answer(done=False, sentence=f"{file} does not pass 'heronry check', so it is not flown")
     asks = not (arguments.yes or arguments.back or arguments.watch or arguments.json)
-    if asks and input("fly by this spec? [y/N] ").strip().lower() not in ("y", "yes"):
+    if asks and not _is_wanted():
         return Answer(done=False, sentence="nothing has changed")
     began = time.monotonic()
     answer = call(socket, Reload(str(file.resolve()), digest))
     return _waited(arguments, socket, digest, began) if answer.done else answer
+
+
+def _is_wanted() -> bool:
+    try:
+        return input("fly by this spec? [y/N] ").strip().lower() in ("y", "yes")
+    except EOFError:
+        print()
+        return False
 
 
 def _compared(old: str, new: str) -> tuple[str, str, bool]:
@@ -109,6 +125,9 @@ def _waited(arguments: argparse.Namespace, socket: Path, digest: str, began: flo
         reload = status["reload"]
         if reload["given_up"] is not None:
             return Answer(done=False, sentence=f"given up, the old spec flies on: {reload['given_up']}")
+        if reload["to"] != digest:
+            why = "the manager does not carry out this order any more: see 'heronry status', and give it again"
+            return Answer(done=False, sentence=why)
         if reload["state"] != told:
             told = reload["state"]
             _tell(arguments, told)
@@ -122,6 +141,6 @@ def _tell(arguments: argparse.Namespace, text: str) -> None:
 
 def _status(socket: Path) -> Mapping[str, Any]:
     status = call(socket, AskStatus()).status
-    if status is None:
-        raise UserError("the manager gives no status")
+    if status is None or "flies" not in status["files"]:
+        raise UserError("this manager cannot fly by another spec: start it again with this version of heronry")
     return status
