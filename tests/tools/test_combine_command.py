@@ -162,9 +162,26 @@ def test_node_ids_that_clash_are_renumbered_on_request() -> None:
 
 def test_a_bus_that_each_spec_names_in_its_way_is_one() -> None:
     guest = GUEST.replace("    radio: {", "    link: {").replace("[can0, radio]", "[can0, link]")
-    both = spec_of(HOME, guest, Choices(("radio", "link")))
+    both = spec_of(HOME, guest, over := Choices(("radio", "link")))
     assert list(both.buses) == ["can0", "radio", "guest_can0"]
     assert both.pes["guest_gate"].buses == ("guest_can0", "radio")
+    assert "guest_: bus can0.\n" in text_of(HOME, guest, over)
+    three = guest.replace("    can0:\n        bitrate", "    radio:\n        bitrate").replace("[can0,", "[radio,")
+    assert list(spec_of(HOME, three, over).buses) == ["can0", "radio", "guest_radio"]
+
+
+def test_marks_of_a_document_go_and_a_comment_at_its_end_stays() -> None:
+    text = text_of(f"---\n{HOME}# of home\n...\n", f"# of nobody\n---\n{GUEST}plants: {{}}\n\n# of the guest\n...\n")
+    assert not [line for line in text.splitlines() if line in ("---", "...")]
+    assert list(loads(text, "both.dg.yaml").pes) == ["gate", "guest_gate"]
+    assert "# of nobody\n" in text
+    both = text_of(HOME, GUEST.partition("together")[0] + "    # of its end\n...\n")
+    assert "# of its end\n" in both
+
+
+def test_a_name_with_escapes_is_renamed_too() -> None:
+    guest = GUEST.replace('"view@1"', '"v\\x69ew@1"').replace('"pe:gate"', '"pe:\\u0067ate"')
+    assert loads(text_of(HOME, guest), "both.dg.yaml") == loads(text_of(HOME, GUEST), "both.dg.yaml")
 
 
 PHASES = "phases: {climb: {}, land: {}}\n"

@@ -195,8 +195,6 @@ class _Joining:
                 clash += [name for name in second.demuxes if name in first.modules and name not in clash]
             renames[kind] = dict(self._prefixed(kind, clash, others | {*own}))
         if near != far:
-            if near in second.buses:
-                renames[BUS][near] = f"{self.prefix}_{near}"
             renames[BUS][far] = near
         return renames
 

@@ -30,7 +30,7 @@ _NAMED: Final = (  # section, key of an element, kind of the names under this ke
     ("plants", "seen_by", DEVICE),
     ("plants", "affects", PLANT),
 )
-_OF_ELEMENTS: Final = {"bus": BUS, "pe": PE, "device": DEVICE, "module": MODULE, "channel": BUS}
+_OF_ELEMENTS: Final = {"bus": BUS, "pe": PE, "device": DEVICE, "module": MODULE}
 
 Use = tuple[str, str, Node]  # kind, name, and the scalar in which the name stands
 
@@ -64,9 +64,14 @@ def rename(edits: Edits, renames: Mapping[str, Mapping[str, str]]) -> None:
     for kind, name, node in uses(document):
         new = renames.get(kind, {}).get(name)
         if new is not None:
-            text = document.text[document.begin(node) : document.end(node)]
-            begin = document.begin(node) + text.index(name, text.index(":") if ":" in text else 0)
-            edits.replace(begin, begin + len(name), new)
+            begin, end = document.begin(node), document.end(node)
+            text, value = document.text[begin:end], str(node.value)
+            at = text.find(name, text.find(":") + 1)
+            if at >= 0:
+                edits.replace(begin + at, begin + at + len(name), new)
+            else:  # it is written with escapes
+                kind_end = value.find(":") + 1
+                edits.replace(begin, end, f'"{value[:kind_end]}{value[kind_end:].replace(name, new, 1)}"')
 
 
 def _all(kind: str, node: Node) -> Iterator[Use]:
@@ -113,13 +118,5 @@ def _of_the_head(document: Document) -> Iterator[Use]:
     if "common_cause" in head:
         for cause in head["common_cause"][1].value:
             for one in scalars(fields(cause)["elements"][1]):
-                yield from _of_element(one)
-
-
-def _of_element(node: Node) -> Iterator[Use]:
-    """Yield the names in KIND:NAME, channel:BUS.N, or module:NAME@PE."""
-    kind, _, name = str(node.value).partition(":")
-    if kind == "channel":
-        name = name.rpartition(".")[0]
-    if kind in _OF_ELEMENTS:
-        yield _OF_ELEMENTS[kind], name.partition("@")[0], node
+                element, _, name = str(one.value).partition(":")
+                yield _OF_ELEMENTS[element], name, one

@@ -17,6 +17,7 @@ from heronry_dg.yaml_syntax import split_lines
 
 _LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _INDENT: Final = "  "
+_BEGIN_OF_DOCUMENT: Final = "---"
 _TOLD_TO_EDITORS: Final = "# yaml-language-server:"  # its path is relative to the file that it stands in
 
 Node = Any  # of PyYAML, which has no types
@@ -90,15 +91,16 @@ class Document:
         keys = list(self.sections().values())
         begin = 0 if number == 0 else self._end_of_section(keys[number - 1][0].value)
         lines = self._lines[begin : keys[number][0].start_mark.line]
-        return "".join(line for line in lines if not line.startswith(_TOLD_TO_EDITORS))
+        return "".join(line for line in lines if not line.startswith((_TOLD_TO_EDITORS, _BEGIN_OF_DOCUMENT)))
 
     def _end_of_section(self, section: str) -> int:
-        """Return the number of the line behind a section: comments at the margin belong to what follows."""
+        """Return the number of the line behind a section: comments at the margin belong to what follows, if it does."""
         keys = list(self.sections().values())
         number = list(self.sections()).index(section)
-        after = keys[number + 1][0].start_mark.line if number + 1 < len(keys) else len(self._lines)
+        is_last = number + 1 == len(keys)
+        after, behind = (len(self._lines), "...") if is_last else (keys[number + 1][0].start_mark.line, "#")
         line = _last_line(*keys[number]) + 1
-        while line < after and not self._lines[line].startswith("#"):
+        while line < after and not self._lines[line].startswith(behind):
             line += 1
         while line > 0 and not self._lines[line - 1].strip():
             line -= 1

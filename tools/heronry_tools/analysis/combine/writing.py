@@ -13,7 +13,7 @@ import yaml
 
 from heronry_dg.findings import listed
 from heronry_dg.model import Spec
-from heronry_tools.analysis.combine.joining import MODULE, Joint
+from heronry_tools.analysis.combine.joining import BUS, MODULE, Joint
 from heronry_tools.analysis.combine.renaming import rename
 from heronry_tools.analysis.combine.spec_text import Document, Edits, fields
 
@@ -47,8 +47,8 @@ def told(first: Spec, second: Spec, joint: Joint) -> list[str]:
         *_told_of_data(first, second, joint),
         *(
             f"Renamed, with the prefix {joint.labels[1]}_: {kind} {', '.join(names)}."
-            for kind, names in joint.renames.items()
-            if names
+            for kind, renames in joint.renames.items()
+            if (names := [name for name, new in renames.items() if (kind, new) != (BUS, joint.link)])
         ),
         *(
             f"PE {joint.renamed('pe', pe)} has node-ID {node} now, and not {second.pes[pe].node_id}: set it on the PE."
