@@ -433,6 +433,17 @@ def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(
     assert sentence in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", ["sim", "exhaust"])
+def test_an_aircraft_with_flight_dynamics_is_left_to_heronry_fly(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, "eav"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "has no flight dynamics" in said.err
+    assert "fly eav with 'heronry fly'" in said.err
+
+
 def test_code_beside_the_user_is_found_as_in_the_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     module = next(iter(load(shipped_spec_path("elevator_and_chute")).modules.values()))
     spec = SimpleNamespace(modules={module.name: replace(module, image="code_of_this_folder:Own")})
