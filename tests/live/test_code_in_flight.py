@@ -9,9 +9,7 @@ still, and no frame was in the way of another.
 
 import re
 import signal
-import subprocess
-import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from random import Random
@@ -33,10 +31,10 @@ from heronry_wire.bundle import pack
 from heronry_wire.bundle_signing import sign
 from heronry_wire.frame import LoggedFrame
 from heronry_wire.identifiers import sdo_request_id
+from live.node_processes import PATIENCE_S, Nodes, ended
 from live.told_events import next_event
 
 pytestmark = [pytest.mark.live, pytest.mark.soak, pytest.mark.timing]
-PATIENCE_S = 60
 LONGEST = 1.3  # times what the transfer takes in the simulator
 PE, MODULE, IMAGE = "payload", "wing_monitor", "over_the_bus:WingMonitor"  # it serves a function of criticality C
 OTHERS_ID, OTHERS_NS = 400, 280_000  # 135 bits in 280 us: 48 % of 1 Mbit/s
@@ -77,13 +75,12 @@ def half_loaded() -> str:
     return re.sub(r"rate_hz: ([\d.]+)", lambda found: f"rate_hz: {float(found[1]) / SLOWER}", text)
 
 
-class Flight:
+class Flight(Nodes):
     """The processes of a flight in which everything runs but one PE."""
 
-    def __init__(self, folder: Path, can0: Path, radio: Path) -> None:
-        self.folder, self.running = folder, list[subprocess.Popen[str]]()
-        self.can0 = ["-i", "softbus", "-c", str(can0)]
-        self.radio, self.also_radio = ["-i", "softbus", "-c", str(radio)], ["--bus", f"radio=softbus:{radio}"]
+    def __init__(self, can0: Path, folder: Path, radio: Path) -> None:
+        super().__init__(can0, folder)
+        self.beyond = Nodes(radio, folder)
         self.file = folder / "half.dg.yaml"
         self.file.write_text(half_loaded())
         self.spec = loads(half_loaded(), "half.dg.yaml")
@@ -93,51 +90,39 @@ class Flight:
         (folder / "bundles").mkdir()
         (folder / "bundles" / "wings.bundle").write_bytes(self.bundle)
 
-    def start(self, *words: str) -> "subprocess.Popen[str]":
-        with (self.folder / "processes.log").open("a") as log:
-            self.running.append(
-                subprocess.Popen(
-                    [sys.executable, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
-                )
-            )
-        return self.running[-1]
-
-    def agent(self, pe: str, *more: str) -> None:
+    def start_pe(self, pe: str, *words: str) -> None:
         buses = self.spec.pes[pe].buses
-        where = self.can0 if "can0" in buses else [*self.radio, "--bitrate", str(self.spec.buses["radio"].bitrate)]
-        beyond = self.also_radio if len(buses) > 1 else []
-        self.start("-m", "heronry_agent", "--simulated", "--until-eof", *where, *beyond, *more)
+        if "can0" in buses:
+            more = ["--bus", f"radio=softbus:{self.beyond.bus[-1]}"] if len(buses) > 1 else []
+            self.agent(pe, "--simulated", *more, *words)
+        else:
+            self.beyond.agent(pe, "--simulated", "--bitrate", str(self.spec.buses["radio"].bitrate), *words)
 
-    def take_off(self) -> "subprocess.Popen[str]":
-        """Start everything but the one PE; returns the manager when a configuration runs."""
-        self.start("-c", OTHER_EQUIPMENT, self.can0[-1])
+    def take_off(self) -> Iterable[str]:
+        """Start everything but the one PE; returns the events of the manager since a configuration runs."""
+        self.start("other_equipment", "-c", OTHER_EQUIPMENT, self.bus[-1])
         for pe in self.spec.pes.keys() - {PE}:
             table = self.folder / f"{pe}.table"
             assert main(["table", str(self.file), pe, "-o", str(table), "--contingencies", "none"]) == 0
-            self.agent(pe, "--table", str(table))
-        manager = self.start(
-            "-m", "heronry_tools.cli", "manager", str(self.file), "--json", "--contingencies", "none", "--until-eof",
-            "--state-dir", str(self.folder), "--socket", str(self.folder / "manager.sock"),
-            "--bundles", str(self.folder / "bundles"), *self.can0,
-        )  # fmt: skip
-        next_event(manager.stdout or (), events.Reconfigured)
+            self.start_pe(pe, "--table", str(table))
+        manager = self.manager(str(self.file), "--bundles", str(self.folder / "bundles"))
+        next_event(manager, events.Reconfigured)
         return manager
 
     def end(self) -> None:
-        for process in self.running:
-            process.send_signal(signal.SIGTERM)
-        for process in self.running:
-            process.communicate(timeout=PATIENCE_S)
+        """End all processes on both buses."""
+        super().end()
+        self.beyond.end()
 
 
 @pytest.fixture
 def flight(tmp_path: Path) -> Iterator[Flight]:
-    with start_hub(tmp_path / "can0.sock", 1_000_000) as can0, start_hub(tmp_path / "radio.sock", 112_500) as radio:
-        flight = Flight(tmp_path, can0.path, radio.path)
-        try:
-            yield flight
-        finally:
-            flight.end()
+    with (
+        start_hub(tmp_path / "can0.sock", 1_000_000) as can0,
+        start_hub(tmp_path / "radio.sock", 112_500) as radio,
+        ended(Flight(can0.path, tmp_path, radio.path)) as flight,
+    ):
+        yield flight
 
 
 def late(flight: Flight, frames: list[LoggedFrame]) -> dict[str, list[float]]:
@@ -170,10 +155,10 @@ def took_in_the_simulator_ns(flight: Flight) -> int:
     return simulation.events_of(events.CodeBrought)[0].took_ns
 
 
-def brought(manager: "subprocess.Popen[str]") -> tuple[events.CodeBrought, list[events.Event]]:
+def brought(manager: Iterable[str]) -> tuple[events.CodeBrought, list[events.Event]]:
     """Wait for the code; returns also what may have ended a transfer before it was complete."""
     ended_early: list[events.Event] = []
-    for told in events_in(manager.stdout or ()):
+    for told in events_in(manager):
         if isinstance(told, events.CodeBrought):
             return told, ended_early
         if isinstance(told, events.CodeNotTaken | events.PeLost | events.TableNotTaken):
@@ -184,19 +169,21 @@ def brought(manager: "subprocess.Popen[str]") -> tuple[events.CodeBrought, list[
 def test_code_comes_at_its_pace_and_no_datum_is_late(flight: Flight, capsys: pytest.CaptureFixture[str]) -> None:
     manager, recording = flight.take_off(), flight.folder / "recording"
     recorder = flight.start(
-        "-m", "heronry_tools.cli", "record", str(flight.file), "-o", str(recording), *flight.can0, "--for", "3600"
-    )
+        "recorder", "-m", "heronry_tools.cli", "record", str(flight.file), "-o", str(recording), *flight.bus,
+        "--for", "3600",
+    )  # fmt: skip
     node = flight.spec.pes[PE].node_id
-    flight.agent(PE, "--node", str(node), "--code-dir", str(flight.folder / "code"), "--code-key", f"{flight.key}.pub")
+    flight.start_pe(
+        PE, "--node", str(node), "--code-dir", str(flight.folder / "code"), "--code-key", f"{flight.key}.pub"
+    )
     told, ended_early = brought(manager)
-    next_event(manager.stdout or (), events.Reconfigured)
+    next_event(manager, events.Reconfigured)
     runs = identifiers(flight.spec)[MODULE, "wing_state"]
     while not any(one.frame.can_id == runs for one in log_of(recording)):
         assert recorder.poll() is None
     recorder.send_signal(signal.SIGTERM)
     assert recorder.wait(PATIENCE_S) == 0
     flight.end()
-    flight.running.clear()
     frames = [one for one in log_of(recording) if told.t_ns - told.took_ns <= one.time_ns <= told.t_ns]
     simulated_ns = took_in_the_simulator_ns(flight)
     with capsys.disabled():

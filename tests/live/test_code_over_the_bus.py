@@ -1,10 +1,9 @@
 """Code comes to a PE over the bus: by an unmodified CANopen master, by `heronry bundle send`, and by the manager."""
 
-import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +16,12 @@ from heronry_agent.loader.folder import Folder
 from heronry_agent.loader.store import Store
 from heronry_manager.events import CodeBrought, PeJoined, Reconfigured, TableBrought
 from heronry_tools.cli import main
-from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.bundle import pack
 from heronry_wire.bundle_signing import sign
+from live.node_processes import PATIENCE_S, Nodes, nodes_on_a_bus
 from live.told_events import next_event
 
 pytestmark = pytest.mark.live
-PATIENCE_S = 60
 NODE = 92
 SPEC = """
 dg: 1
@@ -72,123 +70,78 @@ def bundle_file(folder: Path, key: Path, version: int, does: str = "pass", fille
     return file
 
 
-class Nodes:
-    """The processes on a software bus."""
+class CodeNodes(Nodes):
+    """A PE that takes code over the bus, another one that has its own, and their manager."""
 
     def __init__(self, bus: Path, folder: Path) -> None:
-        self.folder, self.flags = folder, ["-i", "softbus", "-c", str(bus)]
-        self.running: list[subprocess.Popen[str]] = []
-        self.key = signing_key(folder)
-        self.spec = folder / "brought.dg.yaml"
+        super().__init__(bus, folder)
+        self.key, self.spec = signing_key(folder), folder / "brought.dg.yaml"
         self.spec.write_text(SPEC)
-        home = folder / "home"
-        home.mkdir()
-        (home / "at_home.py").write_text(SINK)
-        self.home = str(home)
+        (folder / "home").mkdir()
+        (folder / "home" / "at_home.py").write_text(SINK)
+        self.home = str(folder / "home")
+        self.code = ["--code-dir", str(folder / "code"), "--code-key", f"{self.key}.pub"]
 
-    def start(self, name: str, *words: str, home: str = "") -> "subprocess.Popen[str]":
-        command = [sys.executable, "-m", *words, *self.flags, "--until-eof"]
-        with (self.folder / f"{name}.log").open("a") as log:
-            self.running.append(
-                subprocess.Popen(
-                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True,
-                    env={"PATH": "/usr/bin:/bin", "PYTHONPATH": home},
-                )
-            )  # fmt: skip
-        return self.running[-1]
-
-    def said(self, name: str) -> str:
-        return (self.folder / f"{name}.log").read_text()
-
-    def wait(self, name: str, text: str) -> str:
-        """Wait until a node has said something."""
-        end_s = time.monotonic() + PATIENCE_S
-        while text not in self.said(name):
-            assert time.monotonic() < end_s, self.said(name)
-            time.sleep(0.05)
-        return self.said(name)
-
-    def wait_again(self, name: str, text: str, times: int) -> None:
-        """Wait until a node has said something so many times, over all its starts."""
-        end_s = time.monotonic() + PATIENCE_S
-        while self.said(name).count(text) < times:
-            assert time.monotonic() < end_s, self.said(name)
-            time.sleep(0.05)
-
-    def agent(self, pe: str, *more: str) -> "subprocess.Popen[str]":
+    def with_table(self, pe: str, *more: str) -> "subprocess.Popen[str]":
         table = self.folder / f"{pe}.table"
         assert main(["table", str(self.spec), pe, "-o", str(table), "--contingencies", "none"]) == 0
-        return self.start(pe, "heronry_agent", "--table", str(table), *more, home=self.home if pe == "other" else "")
+        return self.agent(pe, "--table", str(table), *more, code=self.home if pe == "other" else "")
 
     def blank(self) -> "subprocess.Popen[str]":
-        return self.agent("blank", "--code-dir", str(self.folder / "code"), "--code-key", f"{self.key}.pub")
+        return self.with_table("blank", *self.code)
 
-    def manager(self, *more: str) -> "subprocess.Popen[str]":
-        return self.start(
-            "manager", "heronry_tools.cli", "manager", str(self.spec), "--json", "--contingencies", "none",
-            "--state-dir", str(self.folder), "--socket", str(self.folder / "manager.sock"), *more, home=self.home,
-        )  # fmt: skip
+    def flown(self, *more: str) -> Iterable[str]:
+        return self.manager(str(self.spec), *more, code=self.home)
 
     def send(self, bundle: Path, *more: str) -> int:
-        return main(["bundle", "send", str(bundle), str(self.spec), "blank", *self.flags, *more])
+        return main(["bundle", "send", str(bundle), str(self.spec), "blank", *self.bus, *more])
 
     def order(self, *words: str) -> int:
-        return main([words[0], "--socket", str(self.folder / "manager.sock"), *words[1:]])
-
-    def end(self) -> None:
-        for process in self.running:
-            process.send_signal(signal.SIGTERM)
-        for process in self.running:
-            process.communicate(timeout=PATIENCE_S)
+        return main([words[0], "--socket", str(self.socket), *words[1:]])
 
 
 @pytest.fixture
-def nodes(tmp_path: Path) -> Iterator[Nodes]:
-    with start_hub(tmp_path / "can0.sock", 1_000_000) as hub:
-        nodes = Nodes(hub.path, tmp_path)
-        try:
-            yield nodes
-        finally:
-            nodes.end()
+def nodes(tmp_path: Path) -> Iterator[CodeNodes]:
+    with nodes_on_a_bus(tmp_path, CodeNodes) as nodes:
+        yield nodes
 
 
-def test_the_manager_brings_code_that_a_pe_lacks_and_it_runs(nodes: Nodes) -> None:
+def test_the_manager_brings_code_that_a_pe_lacks_and_it_runs(nodes: CodeNodes) -> None:
     (nodes.folder / "bundles").mkdir()
     bundle_file(nodes.folder / "bundles", nodes.key, 3)
     nodes.blank()
-    nodes.agent("other")
-    manager = nodes.manager("--bundles", str(nodes.folder / "bundles"))
-    brought = next_event(manager.stdout, CodeBrought, pe="blank")
+    nodes.with_table("other")
+    manager = nodes.flown("--bundles", str(nodes.folder / "bundles"))
+    brought = next_event(manager, CodeBrought, pe="blank")
     assert (brought.bundle, brought.version) == ("brought", 3)
-    next_event(manager.stdout, Reconfigured)
+    next_event(manager, Reconfigured)
     nodes.wait("other", "speed 3.0")
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("keyed", [False, True])
-def test_a_node_with_nothing_but_its_node_id_gets_its_table_and_its_code(nodes: Nodes, keyed: bool) -> None:
+def test_a_node_with_nothing_but_its_node_id_gets_its_table_and_its_code(nodes: CodeNodes, keyed: bool) -> None:
     (nodes.folder / "bundles").mkdir()
     bundle_file(nodes.folder / "bundles", nodes.key, 3)
     more: list[str] = []
     if keyed:
         assert main(["key", str(nodes.folder / "fleet.key")]) == 0
         more = ["--key", str(nodes.folder / "fleet.key")]
-    code = ["--code-dir", str(nodes.folder / "code"), "--code-key", f"{nodes.key}.pub"]
-    nodes.start("blank", "heronry_agent", "--node", str(NODE), *code, *more)
-    nodes.agent("other", *more)
-    manager = nodes.manager("--bundles", str(nodes.folder / "bundles"), *more)
-    next_event(manager.stdout, TableBrought, pe="blank")
-    next_event(manager.stdout, CodeBrought, pe="blank")
+    nodes.agent("blank", "--node", str(NODE), *nodes.code, *more)
+    nodes.with_table("other", *more)
+    manager = nodes.flown("--bundles", str(nodes.folder / "bundles"), *more)
+    next_event(manager, TableBrought, pe="blank")
+    next_event(manager, CodeBrought, pe="blank")
     nodes.wait("other", "speed 3.0")
 
 
 @pytest.mark.soak
-def test_the_operator_brings_code_and_clears_the_fault(nodes: Nodes, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_operator_brings_code_and_clears_the_fault(nodes: CodeNodes, capsys: pytest.CaptureFixture[str]) -> None:
     nodes.blank()
-    nodes.agent("other")
-    manager = nodes.manager()
+    nodes.with_table("other")
+    manager = nodes.flown()
     for _ in range(2):  # the PEs join in any order
-        next_event(manager.stdout, PeJoined)
+        next_event(manager, PeJoined)
     nodes.wait("blank", "over_the_bus:Source cannot be run here")
     file = bundle_file(nodes.folder, nodes.key, 3)
     capsys.readouterr()
@@ -198,15 +151,15 @@ def test_the_operator_brings_code_and_clears_the_fault(nodes: Nodes, capsys: pyt
     while nodes.order("clear", "module:source") != 0:  # a manager that has just started takes no order
         assert time.monotonic() < end_s
         time.sleep(0.5)
-    next_event(manager.stdout, Reconfigured)
+    next_event(manager, Reconfigured)
     nodes.wait("other", "speed 3.0")
 
 
-def test_an_unmodified_master_downloads_a_bundle_by_the_book(nodes: Nodes) -> None:
+def test_an_unmodified_master_downloads_a_bundle_by_the_book(nodes: CodeNodes) -> None:
     nodes.blank()
     nodes.wait("blank", "PE blank of brought")
     content = bundle_file(nodes.folder, nodes.key, 5).read_bytes()
-    network = canopen.Network(can.Bus(interface="softbus", channel=nodes.flags[-1]))
+    network = canopen.Network(can.Bus(interface="softbus", channel=nodes.bus[-1]))
     network.connect()
     sdo: Any = network.add_node(NODE, canopen.ObjectDictionary()).sdo
     sdo.RESPONSE_TIMEOUT = 5.0
@@ -242,7 +195,7 @@ BAD = {
 }
 
 
-def with_old_code(nodes: Nodes, version: int) -> None:
+def with_old_code(nodes: CodeNodes, version: int) -> None:
     """Let the PE have code that it has kept."""
     store = Store(Folder(nodes.folder / "code"))
     store.boot()
@@ -253,14 +206,14 @@ def with_old_code(nodes: Nodes, version: int) -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("how", BAD)
-def test_bad_code_is_replaced_by_the_code_before_and_the_module_runs_on(nodes: Nodes, how: str) -> None:
+def test_bad_code_is_replaced_by_the_code_before_and_the_module_runs_on(nodes: CodeNodes, how: str) -> None:
     with_old_code(nodes, 3)
     nodes.blank()
-    nodes.agent("other")
+    nodes.with_table("other")
     nodes.wait("blank", "code of brought, version 3")
     assert nodes.send(bundle_file(nodes.folder, nodes.key, 4, BAD[how])) == 0
     began_s = time.monotonic()
-    nodes.manager()
+    nodes.flown()
     nodes.wait("blank", "the code before it is back")
     nodes.wait("other", "speed 3.0")
     assert time.monotonic() - began_s < 90
@@ -269,28 +222,28 @@ def test_bad_code_is_replaced_by_the_code_before_and_the_module_runs_on(nodes: N
 
 
 @pytest.mark.soak
-def test_code_that_cannot_be_imported_is_replaced_and_the_module_runs_on(nodes: Nodes) -> None:
+def test_code_that_cannot_be_imported_is_replaced_and_the_module_runs_on(nodes: CodeNodes) -> None:
     with_old_code(nodes, 3)
     nodes.blank()
-    nodes.agent("other")
+    nodes.with_table("other")
     broken = pack("brought", 4, ("over_the_bus:Source",), {"over_the_bus.py": b"import nothing_like_this\n"})
     file = nodes.folder / "v4.bundle"
     file.write_bytes(sign(broken, nodes.key).content)
     nodes.wait("blank", "code of brought, version 3")
     assert nodes.send(file) == 0
-    nodes.manager()
+    nodes.flown()
     nodes.wait("blank", "the code before it is back")
     nodes.wait("other", "speed 3.0")
 
 
 @pytest.mark.soak
-def test_code_that_runs_for_a_minute_is_kept(nodes: Nodes) -> None:
+def test_code_that_runs_for_a_minute_is_kept(nodes: CodeNodes) -> None:
     with_old_code(nodes, 3)
     nodes.blank()
-    nodes.agent("other")
+    nodes.with_table("other")
     nodes.wait("blank", "code of brought, version 3")
     assert nodes.send(bundle_file(nodes.folder, nodes.key, 4)) == 0
-    nodes.manager()
+    nodes.flown()
     nodes.wait("other", "speed 4.0")
     assert Store(Folder(nodes.folder / "code")).state().tries is not None
     time.sleep(60)
@@ -301,15 +254,15 @@ def test_code_that_runs_for_a_minute_is_kept(nodes: Nodes) -> None:
 
 
 @pytest.mark.soak
-def test_a_transfer_whose_agent_is_killed_ends_with_the_old_or_the_new_code_whole(nodes: Nodes) -> None:
+def test_a_transfer_whose_agent_is_killed_ends_with_the_old_or_the_new_code_whole(nodes: CodeNodes) -> None:
     with_old_code(nodes, 1)
     allowed = {1}
     for version in range(2, 52):
         file = bundle_file(nodes.folder, nodes.key, version, filler=str(list(range(2000 + version))))
         agent = nodes.blank()
-        nodes.wait_again("blank", "code of brought", version - 1)
+        nodes.wait("blank", "code of brought", version - 1)
         sender = subprocess.Popen(
-            [sys.executable, "-m", "heronry_tools.cli", "bundle", "send", file, nodes.spec, "blank", *nodes.flags],
+            [sys.executable, "-m", "heronry_tools.cli", "bundle", "send", file, nodes.spec, "blank", *nodes.bus],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         time.sleep(0.8 + (version % 25) * 0.1)

@@ -11,8 +11,8 @@ from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.events import PeJoined, Reconfigured
 from heronry_manager.shell.control_client import call
 from heronry_tools.cli import main
-from heronry_tools.runtime.softbus.starter import start_hub
-from live.test_tables_by_themselves import NODES, SPEC, Nodes
+from live.node_processes import Nodes, nodes_on_a_bus
+from live.test_tables_by_themselves import NODES, SPEC
 from live.told_events import next_event
 
 pytestmark = pytest.mark.live
@@ -31,31 +31,23 @@ NEWER = (
 
 @pytest.fixture
 def nodes(tmp_path: Path) -> Iterator[Nodes]:
-    with start_hub(tmp_path / "can0.sock", 1_000_000) as hub:
-        nodes = Nodes(hub.path)
-        try:
-            yield nodes
-        finally:
-            nodes.end()
+    with nodes_on_a_bus(tmp_path, Nodes) as nodes:
+        yield nodes
 
 
 def test_a_flying_aircraft_takes_another_spec_and_goes_back(
     nodes: Nodes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, socket = tmp_path / "uav.dg.yaml", tmp_path / "manager.sock"
+    file, socket = tmp_path / "uav.dg.yaml", nodes.socket
     file.write_text(TEXT)
     tables = {pe: tmp_path / f"{pe}.table" for pe in NODES}
     for pe, table in tables.items():
-        nodes.start("heronry_agent", "--simulated", "--node", str(NODES[pe]), "--table", str(table))
-    manager = nodes.start(
-        "heronry_tools.cli", "manager", str(file), "--json", "--contingencies", "none", "--state-dir", str(tmp_path),
-        "--socket", str(socket),
-    )  # fmt: skip
-    assert manager.stdout is not None
+        nodes.agent(pe, "--simulated", "--node", str(NODES[pe]), "--table", str(table))
+    manager = nodes.manager(str(file))
     waiting = set(NODES)
     while waiting:
-        waiting.discard(next_event(manager.stdout, PeJoined).pe)
-    next_event(manager.stdout, Reconfigured)
+        waiting.discard(next_event(manager, PeJoined).pe)
+    next_event(manager, Reconfigured)
 
     def flies_by() -> str:
         return str((call(socket, AskStatus()).status or {})["spec_digest"])

@@ -1,8 +1,6 @@
 """Agents that are started with nothing but a node-ID and a bus fly, and so does a blank one in the place of another."""
 
-import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,71 +14,46 @@ from heronry_manager.events import AnotherTable, PeJoined, PeLost, Reconfigured,
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.pe_table import PeTable
+from live.node_processes import Nodes, ended, nodes_on_a_bus
 from live.told_events import next_event
 
 pytestmark = pytest.mark.live
-PATIENCE_S = 60
 SPEC = "elevator_and_chute"
 NODES = {pe.name: pe.node_id for pe in load(shipped_spec_path(SPEC)).pes.values()}
 
 
-class Nodes:
-    """The processes on a software bus."""
-
-    def __init__(self, bus: Path, *more: str) -> None:
-        self.bus, self.more = ["-i", "softbus", "-c", str(bus)], more
-        self.running: list[subprocess.Popen[str]] = []
-
-    def start(self, *words: str) -> "subprocess.Popen[str]":
-        command = [sys.executable, "-m", *words, *self.bus, *self.more, "--until-eof"]
-        self.running.append(
-            subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        )
-        return self.running[-1]
+class BlankNodes(Nodes):
+    """Agents that are started with nothing but a node-ID and a bus."""
 
     def blank(self, pe: str) -> "subprocess.Popen[str]":
-        return self.start("heronry_agent", "--simulated", "--node", str(NODES[pe]))
-
-    def end(self) -> None:
-        for process in self.running:
-            process.send_signal(signal.SIGTERM)
-        for process in self.running:
-            process.communicate(timeout=PATIENCE_S)
+        return self.agent(pe, "--simulated", "--node", str(NODES[pe]))
 
 
 @pytest.fixture
-def nodes(tmp_path: Path) -> Iterator[Nodes]:
-    with start_hub(tmp_path / "can0.sock", 1_000_000) as hub:
-        nodes = Nodes(hub.path)
-        try:
-            yield nodes
-        finally:
-            nodes.end()
+def nodes(tmp_path: Path) -> Iterator[BlankNodes]:
+    with nodes_on_a_bus(tmp_path, BlankNodes) as nodes:
+        yield nodes
 
 
-def test_blank_nodes_fly_and_one_is_replaced_in_flight(nodes: Nodes, tmp_path: Path) -> None:
+def test_blank_nodes_fly_and_one_is_replaced_in_flight(nodes: BlankNodes) -> None:
     agents = {pe: nodes.blank(pe) for pe in NODES}
-    manager = nodes.start(
-        "heronry_tools.cli", "manager", SPEC, "--json", "--contingencies", "none", "--state-dir", str(tmp_path),
-        "--socket", str(tmp_path / "manager.sock"),
-    )  # fmt: skip
-    assert manager.stdout is not None
-    brought = [next_event(manager.stdout, TableBrought).pe for _ in NODES]
+    manager = nodes.manager(SPEC)
+    brought = [next_event(manager, TableBrought).pe for _ in NODES]
     assert sorted(brought) == sorted(NODES)
-    next_event(manager.stdout, PeJoined, pe=brought[-1])
-    next_event(manager.stdout, Reconfigured)
+    next_event(manager, PeJoined, pe=brought[-1])
+    next_event(manager, Reconfigured)
     agents["tail_pe"].kill()
-    next_event(manager.stdout, PeLost, pe="tail_pe")
+    next_event(manager, PeLost, pe="tail_pe")
     nodes.blank("tail_pe")
-    next_event(manager.stdout, TableBrought, pe="tail_pe")
-    next_event(manager.stdout, PeJoined, pe="tail_pe")
-    next_event(manager.stdout, Reconfigured)
+    next_event(manager, TableBrought, pe="tail_pe")
+    next_event(manager, PeJoined, pe="tail_pe")
+    next_event(manager, Reconfigured)
 
 
 def test_a_node_that_the_spec_does_not_have_tells_what_it_offers(
     nodes: Nodes, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    agent = nodes.start("heronry_agent", "--simulated", "--node", "101")
+    agent = nodes.agent("node_101", "--simulated", "--node", "101")
     for _ in range(10):
         code = main(["adopt", SPEC, "101", *nodes.bus])
         if not code:
@@ -91,25 +64,21 @@ def test_a_node_that_the_spec_does_not_have_tells_what_it_offers(
     assert agent.poll() is None
 
 
-def test_a_pe_is_retired_and_restored(nodes: Nodes, tmp_path: Path) -> None:
+def test_a_pe_is_retired_and_restored(nodes: BlankNodes, tmp_path: Path) -> None:
     file = tmp_path / "slow.dg.yaml"  # a computer that stands still for some periods loses no PE
     file.write_text(
         shipped_spec_path(SPEC).read_text().replace("bitrate: 1000000", "bitrate: 1000000, heartbeat_ms: 200")
     )
     for pe in NODES:
         nodes.blank(pe)
-    manager = nodes.start(
-        "heronry_tools.cli", "manager", str(file), "--json", "--contingencies", "none", "--state-dir", str(tmp_path),
-        "--socket", str(tmp_path / "manager.sock"),
-    )  # fmt: skip
-    assert manager.stdout is not None
+    manager = nodes.manager(str(file))
     waiting = set(NODES)
     while waiting:
-        waiting.discard(next_event(manager.stdout, PeJoined).pe)
+        waiting.discard(next_event(manager, PeJoined).pe)
     for order, done in (("retire", "retired"), ("restore", "restored")):
-        while main([order, "pe:control_pe", "--socket", str(tmp_path / "manager.sock")]):
+        while main([order, "pe:control_pe", "--socket", str(nodes.socket)]):
             time.sleep(0.5)  # a reconfiguration is under way
-        while f"pe:control_pe {done} by the operator" not in next_event(manager.stdout, Reconfigured).causes:
+        while f"pe:control_pe {done} by the operator" not in next_event(manager, Reconfigured).causes:
             pass  # that of the last PE that has joined
 
 
@@ -121,16 +90,12 @@ def test_a_damaged_table_and_that_of_another_spec_are_replaced_and_kept(nodes: N
     files[first].write_text(Compiler(other).table(first).to_json())
     files[second].write_text(files[first].read_text()[:-7])
     for pe, file in files.items():
-        nodes.start("heronry_agent", "--simulated", "--node", str(NODES[pe]), "--table", str(file))
-    manager = nodes.start(
-        "heronry_tools.cli", "manager", SPEC, "--json", "--contingencies", "none", "--state-dir", str(tmp_path),
-        "--socket", str(tmp_path / "manager.sock"),
-    )  # fmt: skip
-    assert manager.stdout is not None
-    next_event(manager.stdout, AnotherTable, pe=first)
-    next_event(manager.stdout, TableBrought, pe=first)
-    next_event(manager.stdout, PeJoined, pe=first)
-    next_event(manager.stdout, Reconfigured)
+        nodes.agent(pe, "--simulated", "--node", str(NODES[pe]), "--table", str(file))
+    manager = nodes.manager(SPEC)
+    next_event(manager, AnotherTable, pe=first)
+    next_event(manager, TableBrought, pe=first)
+    next_event(manager, PeJoined, pe=first)
+    next_event(manager, Reconfigured)
     compiler = Compiler(load(shipped_spec_path(SPEC)))
     for pe in (first, second, third):
         assert PeTable.from_json(files[pe].read_text()) == PeTable.from_json(compiler.table(pe).to_json())
@@ -149,33 +114,28 @@ def test_nine_nodes_with_a_node_id_and_a_bus_fly_big_blue_and_one_is_replaced(ha
         start_hub(tmp_path / "can0.sock", 1_000_000) as can0,
         start_hub(tmp_path / "radio.sock", RADIO.bitrate) as radio,
     ):
-        nodes = Nodes(can0.path, *(["--key", str(key)] if has_key else []))
-        beyond = Nodes(radio.path, "--bitrate", str(RADIO.bitrate), *nodes.more)
-        try:
-            fly_big_blue(nodes, beyond, radio.path, tmp_path)
-        finally:
-            nodes.end()
-            beyond.end()
+        more = ["--key", str(key)] if has_key else []
+        with (
+            ended(Nodes(can0.path, tmp_path, *more)) as nodes,
+            ended(Nodes(radio.path, tmp_path, "--bitrate", str(RADIO.bitrate), *more)) as beyond,
+        ):
+            fly_big_blue(nodes, beyond, radio.path)
 
 
-def fly_big_blue(nodes: Nodes, beyond: Nodes, radio: Path, folder: Path) -> None:
+def fly_big_blue(nodes: Nodes, beyond: Nodes, radio: Path) -> None:
     agents = {}
     for pe in BIG_BLUE.pes.values():
         here = nodes if BIG_BLUE.manager.bus in pe.buses else beyond
         other = ["--bus", f"radio=softbus:{radio}"] if len(pe.buses) > 1 else []
-        agents[pe.name] = here.start("heronry_agent", "--simulated", "--node", str(pe.node_id), *other)
-    manager = nodes.start(
-        "heronry_tools.cli", "manager", "big_blue", "--json", "--contingencies", "none", "--state-dir", str(folder),
-        "--socket", str(folder / "manager.sock"),
-    )  # fmt: skip
-    assert manager.stdout is not None
+        agents[pe.name] = here.agent(pe.name, "--simulated", "--node", str(pe.node_id), *other)
+    manager = nodes.manager("big_blue")
     waiting = set(BIG_BLUE.pes)
     while waiting:
-        waiting.remove(next_event(manager.stdout, TableBrought).pe)
-    next_event(manager.stdout, Reconfigured)
+        waiting.remove(next_event(manager, TableBrought).pe)
+    next_event(manager, Reconfigured)
     agents["payload"].kill()
-    next_event(manager.stdout, PeLost, pe="payload")
-    nodes.start("heronry_agent", "--simulated", "--node", str(BIG_BLUE.pes["payload"].node_id))
-    next_event(manager.stdout, TableBrought, pe="payload")
-    next_event(manager.stdout, PeJoined, pe="payload")
-    next_event(manager.stdout, Reconfigured)
+    next_event(manager, PeLost, pe="payload")
+    nodes.agent("payload", "--simulated", "--node", str(BIG_BLUE.pes["payload"].node_id))
+    next_event(manager, TableBrought, pe="payload")
+    next_event(manager, PeJoined, pe="payload")
+    next_event(manager, Reconfigured)
