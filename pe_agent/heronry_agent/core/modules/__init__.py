@@ -9,10 +9,11 @@ it gives may leave this PE, whether it has failed, and whether it starts again.
       publishing           which frames carry an output; `echo_pace`: how often it is echoed
       failure_texts        why a module failed, in its own words, for people
       rests                which stopped branches have not come to rest
-      notices              misspelt names, told once a second
+      module_reports       what modules tell the manager
+        phase_requests       which mission phase is requested, by a module or by a rule of the spec
+        priority_requests    which priority a module requests for a function
+        notices              misspelt names, told once a second
     silence_watch        which inputs and outputs are silent
-    phase_requests       which mission phase is requested, by a module or by a rule of the spec
-    priority_requests    which priority a module requests for a function
     without_manager      attended ◄─► resting: what stops while no manager is heard
 
 *Who may change it.* `configuration` says which modules start and stop. Answers of the driver move a step on; each

@@ -2,7 +2,8 @@
 
 A module exists from the action StartModule to the action StopModule. Meanwhile the schedule decides when it is stepped.
 The outputs of a step go to the mailboxes of this PE and, where the slice says so, to the buses. A command to the
-module's device is executed and echoed, if it is authorized. A report of a failed element becomes a fault.
+module's device is executed and echoed, if it is authorized. Its reports and requests go to the manager
+(`module_reports`).
 
 A module *fails* when it
 
@@ -24,9 +25,7 @@ The output authorization (protocol rule 6) is checked at the last moment, in thr
 - Before a data frame of a module that may run elsewhere. Without authorization the frame is not sent; but the module
   is stepped, and its outputs reach modules on this PE.
 
-If a module has been stopped since its step began, its answer is dropped. While this PE holds back its exclusive
-outputs, and for a second after that, it accepts no report that an element has failed: a surface that no PE drives does
-not follow its command, although its servo is healthy. The reporting module is started anew, to forget what it saw.
+If a module has been stopped since its step began, its answer is dropped.
 """
 
 from collections.abc import Collection, Mapping
@@ -40,9 +39,7 @@ from heronry_agent.core.modules.chains import chains
 from heronry_agent.core.modules.echo_pace import EchoPace
 from heronry_agent.core.modules.failure_texts import FailureTexts, with_names
 from heronry_agent.core.modules.mailboxes import Mailboxes
-from heronry_agent.core.modules.notices import Notices
-from heronry_agent.core.modules.phase_requests import PhaseRequests
-from heronry_agent.core.modules.priority_requests import PriorityRequests
+from heronry_agent.core.modules.module_reports import ModuleReports
 from heronry_agent.core.modules.publishing import Publisher
 from heronry_agent.core.modules.rests import Rests
 from heronry_agent.core.modules.schedule import Schedule
@@ -68,16 +65,14 @@ from heronry_agent.core.vocabulary import (
     Stepped,
     StopModule,
 )
-from heronry_agent.module import DISAGREEMENT, Value
+from heronry_agent.module import Value
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.element_places import kind_and_place
 from heronry_wire.failure_text import plain_reason
 from heronry_wire.frame import Frame, WireError
-from heronry_wire.management import EVERYWHERE, SPECS_PRIORITY, ElementKind, FaultCode
+from heronry_wire.management import EVERYWHERE, ElementKind, FaultCode
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import Send, require
-
-EVALUATED_AFTER_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,12 +107,9 @@ class RunningModules:
         self.failures = FailureTexts()
         period_ns = index.table.ports[index.uplink].heartbeat_ns
         self.faults = Faults(index.node, period_ns, index.critical)
-        reports = SilenceReports(self.faults, period_ns)
-        self.silences = SilenceWatch(index, self.mailboxes, output_authorization, reports, period_ns)
-        self.phase_requests = PhaseRequests(index, self.faults)
-        self._priority_requests = PriorityRequests(self.faults)
-        self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
-        self._notices = Notices(turn, index)
+        silences = SilenceReports(self.faults, period_ns)
+        self.silences = SilenceWatch(index, self.mailboxes, output_authorization, silences, period_ns)
+        self._reports = ModuleReports(turn, index, self.faults, output_authorization)
         self.checkpoints = Checkpoints(turn, index, output_authorization, self.faults)
         self.has_exclusive_output = False
         self.load_percent = 0
@@ -148,9 +140,7 @@ class RunningModules:
         self.mailboxes.carry_over(carried)
         self.rests.carry_over(carried)
         self.failures.carry_over(carried)
-        self.phase_requests.carry_over(carried, modes)
-        self._priority_requests.carry_over(carried)
-        self._notices.forget()
+        self._reports.carry_over(carried, modes)
         self.silences.carry_over()
         self.checkpoints.carry_over(carried)
 
@@ -185,7 +175,7 @@ class RunningModules:
                 until_ns = self._output_authorization.until_ns(now_ns)
                 if now_ns > until_ns or self.rests.hold_back(module):
                     self._turn.count("step held", module)
-                    self._held_ns = now_ns
+                    self._reports.held()
                     self.silences.held(module, now_ns)
                     continue
             inputs = self.mailboxes.inputs(module, now_ns)
@@ -201,17 +191,12 @@ class RunningModules:
         self._drive(running, event.writes)
         if running.entry.silent_output and self.echoes.is_due(event.module, self._turn.now_ns):
             self._turn.do(Send(self._index.uplink, self.publisher.output_echo(event.module, running.mode)))
-        for element, detail in event.reports:
-            self._report(running, element, detail)
-        for phase in event.phases:
-            self._request_phase(running, phase)
-        for function, priority in event.priorities:
-            self._request_priority(running, function, priority)
+        self._reports.take(running.entry, running.mode, event, has_exclusive_output=self.has_exclusive_output)
         missing = [variable for variable in running.gives if variable not in event.outputs]
         if missing or event.module in self.silences.withholding:
             self.silences.left_out(running.entry, running.mode, missing, self._turn.now_ns)
         if missing or event.misspelt_inputs:
-            self._notices.look_for_misspelt(running.entry, event, missing)
+            self._reports.notices.look_for_misspelt(running.entry, event, missing)
         try:
             for variable, value in event.outputs.items():
                 self._give(running, variable, value)
@@ -277,7 +262,7 @@ class RunningModules:
         self._turn.note(
             "restart", f"module {running.entry.name} is restarted, {times} of {running.entry.restarts}: {reason}"
         )
-        self._found(FaultCode.MODULE_RESTARTED, ElementKind.MODULE, module, times)
+        self._reports.found(FaultCode.MODULE_RESTARTED, ElementKind.MODULE, module, times)
 
     def _give_up(self, module: int, failure: Failure, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
         """Stop a module, do not restart it any more, and report the failure to the manager."""
@@ -288,11 +273,11 @@ class RunningModules:
         self.restarts.forget(module)
         self.take_stock()
         self._turn.note("fault", f"module {name} is stopped: {reason}")
-        self._found(code, ElementKind.MODULE, module, 0)
+        self._reports.found(code, ElementKind.MODULE, module, 0)
 
     def repeat_faults(self) -> None:
         """Send again the reports that are due and that the manager has not acknowledged."""
-        self._tell(self.faults.tick(self._turn.now_ns))
+        self._reports.tell(self.faults.tick(self._turn.now_ns))
 
     def lack(self, images: Mapping[str, str]) -> None:
         """Report to the manager every module with one of these images: its code is not on this PE.
@@ -306,7 +291,7 @@ class RunningModules:
                 self.failures.found(module, Failure(images[entry.image]))
                 if module not in self._lacking:
                     self._lacking.add(module)
-                    self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, module, 0)
+                    self._reports.found(FaultCode.MODULE_MISSING, ElementKind.MODULE, module, 0)
 
     def have(self, images: Collection[str]) -> None:
         """Note that the code of these images is on this PE now."""
@@ -321,13 +306,13 @@ class RunningModules:
         kind, place = kind_and_place(a)
         if kind == ElementKind.PRIORITY or place not in (EVERYWHERE, self._index.node):
             return
-        self._tell(self.faults.clear(kind, index))
+        self._reports.tell(self.faults.clear(kind, index))
         if kind == ElementKind.MODULE and index in self._lacking:
-            self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, index, 0)
+            self._reports.found(FaultCode.MODULE_MISSING, ElementKind.MODULE, index, 0)
 
     def entered(self, phase: int) -> None:
         """Note the mission phase that the manager announces; send the phase requests that follow from a new one."""
-        self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
+        self._reports.tell(self._reports.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:
         """Send requests and uncleared faults again, because the manager of a new term may have missed them.
@@ -335,16 +320,17 @@ class RunningModules:
         Also start again each failed module whose fault has been cleared.
         """
         now_ns = self._turn.now_ns
-        self._tell(self.phase_requests.new_mastership(now_ns))
-        self._tell(self._priority_requests.new_mastership(now_ns))
+        self._reports.new_mastership()
         cleared = []
         for module in sorted(self._lacking):
-            self._tell(self.faults.tell_again(ElementKind.MODULE, module, now_ns))
+            self._reports.tell(self.faults.tell_again(ElementKind.MODULE, module, now_ns))
         for module in sorted(self._active_configuration.failed):
             told = self.faults.tell_again(ElementKind.MODULE, module, now_ns)
-            self._tell(told)
+            self._reports.tell(told)
             cleared += [] if told else [module]
-        self._tell(self.faults.tell_all_again(self._output_authorization.hears_since_ns(self._turn.arrived_ns), now_ns))
+        self._reports.tell(
+            self.faults.tell_all_again(self._output_authorization.hears_since_ns(self._turn.arrived_ns), now_ns)
+        )
         if cleared:
             self.carry_out(self._active_configuration.forgive(cleared), None)
 
@@ -372,7 +358,7 @@ class RunningModules:
         """Request that a module is built, or continues in a new mode; its first step is due now."""
         entry, mode = self._running[module].entry, self._running[module].mode
         self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)
-        self.phase_requests.started(module, mode)
+        self._reports.phase_requests.started(module, mode)
         self.silences.began(module, self._turn.now_ns)
         self.rests.began(module)
         self._turn.do(StartModule(module, entry, mode, self.checkpoints.start(module)))
@@ -386,8 +372,8 @@ class RunningModules:
         """Stop stepping a module, and drop its object; with `keep`, keep the object for another mode."""
         self.schedule.stop(module)
         self.silences.began(module, self._turn.now_ns)
-        for part in (self.phase_requests, self._priority_requests, self.checkpoints):
-            part.stopped(module)
+        self._reports.stopped(module)
+        self.checkpoints.stopped(module)
         self.rests.stopped(module, keep=keep)
         self._turn.do(StopModule(module, keep))
 
@@ -407,7 +393,7 @@ class RunningModules:
         """Execute the commands of a module to its device; those of a DEMUX branch only if it is authorized now."""
         if writes and running.entry.demux and not self._output_authorization.allows(self._turn.now_ns):
             self._turn.count("write held", running.entry.index)
-            self._held_ns = self._turn.now_ns
+            self._reports.held()
             return
         self._turn.do(*(Drive(running.entry.index, value) for value in writes))
 
@@ -430,7 +416,7 @@ class RunningModules:
             return
         source, version = running.gives[variable]
         self._put_out(source, self.publisher.datum(source, version, value))
-        self._tell(self.phase_requests.gave(running.entry.index, variable, value, self._turn.now_ns))
+        self._reports.gave(running.entry.index, variable, value)
 
     def _put_out(self, source: int, frame: Frame) -> None:
         """Store a datum in the mailbox of its source, and send it on the buses that the slice names, if authorized."""
@@ -445,55 +431,7 @@ class RunningModules:
             until_ns = self._output_authorization.identifiers_until_ns(self._turn.now_ns)
             if until_ns is None:
                 self._turn.count("frame held", frame.can_id)
-                self._held_ns = self._turn.now_ns
+                self._reports.held()
                 return
         self.publisher.sent(frame)
         self._turn.do(*(Send(port, frame, until_ns) for port in ports))
-
-    def _report(self, running: _Running, element: str, detail: int) -> None:
-        if element == DISAGREEMENT:
-            self._notices.send(running.entry.index, FaultCode.DISAGREEMENT, detail)
-            return
-        found = self._index.elements.get(element)
-        if found is None:
-            self._turn.count("report of an unknown element", running.entry.index)
-            if self._notices.send(running.entry.index, FaultCode.UNKNOWN_ELEMENT, detail):
-                self._turn.note("fault", f"module {running.entry.name} reports {element}, which the spec does not have")
-            return
-        if self.has_exclusive_output and not self._output_authorization.allows(self._turn.now_ns):
-            self._held_ns = self._turn.now_ns
-        if self._turn.now_ns < self._held_ns + EVALUATED_AFTER_NS:
-            self._turn.count("report while outputs are held", running.entry.index)
-            self._turn.do(StartModule(running.entry.index, running.entry, running.mode))
-            return
-        if self._found(FaultCode.REPORTED, *found, detail):
-            self._turn.note("fault", f"module {running.entry.name} reports {element} failed, detail {detail}")
-
-    def _request_phase(self, running: _Running, phase: str) -> None:
-        index = self._index.phase_index.get(phase)
-        if index is None:
-            self._turn.count("request of an unknown phase", running.entry.index)
-            return
-        frames = self.phase_requests.requested(running.entry.index, index, self._turn.now_ns)
-        if frames:
-            self._turn.note("phase", f"module {running.entry.name} asks for phase {phase}")
-        self._tell(frames)
-
-    def _request_priority(self, running: _Running, function: str, priority: int) -> None:
-        index = self._index.table.adjustable.get(function)
-        if index is None:
-            self._turn.count("request for a priority that is not to be changed", running.entry.index)
-            return
-        frames = self._priority_requests.requested(running.entry.index, index, priority, self._turn.now_ns)
-        if frames:
-            wanted = "that of the spec" if priority == SPECS_PRIORITY else priority
-            self._turn.note("priority", f"module {running.entry.name} asks for priority {wanted} of {function}")
-        self._tell(frames)
-
-    def _found(self, code: FaultCode, kind: ElementKind, position: int, detail: int) -> bool:
-        frames = self.faults.found(code, kind, position, detail, self._turn.now_ns)
-        self._tell(frames)
-        return bool(frames)
-
-    def _tell(self, frames: list[Frame]) -> None:
-        self._turn.do(*(Send(self._index.uplink, frame) for frame in frames))

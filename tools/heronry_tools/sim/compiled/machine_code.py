@@ -56,8 +56,8 @@ _COMPILED = {
     "heronry_agent.core.canopen": "canopen_node",
     "heronry_agent.core.configuration": "active_configuration staging",
     "heronry_agent.core.forwarding": "gateway link_meter radio_port radio_queue radios",
-    "heronry_agent.core.modules": "mailboxes notices phase_requests publishing running_modules schedule silence_watch "
-    "without_manager",
+    "heronry_agent.core.modules": "mailboxes module_reports notices phase_requests publishing running_modules "
+    "schedule silence_watch without_manager",
     "heronry_agent.core.reports": "faults reporting silence_reports",
     "heronry_agent.parts": "reading",
     "heronry_agent.shell": "module_runner reading_watch start_orders",
