@@ -1,11 +1,9 @@
 """A fleet with a key, each node a process of its own: it is started, unlocked, given a table, and loses a PE."""
 
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,10 +19,11 @@ from heronry_manager.events import (
 )
 from heronry_manager.events.reading import events_in
 from heronry_tools.cli import main
-from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
+from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.key_file import make_key
 from lab.slow_spec import slow_spec
-from live.told_events import E, next_event
+from live.node_processes import Nodes, ended
+from live.told_events import next_event
 
 pytestmark = pytest.mark.live
 PATIENCE_S = 120
@@ -72,68 +71,40 @@ def make_fingerprint(key: Path) -> str:
     return told.stdout.split()[-1]
 
 
-class Fleet:
-    """The processes of one flight on a software bus, with their manager's socket in a folder of its own."""
+class Fleet(Nodes):
+    """The processes of one flight with a key."""
 
-    def __init__(self, folder: Path, spec: Path, key: Path, hub: HubProcess) -> None:
-        self.folder, self.spec, self.key = folder, spec, key
-        self.bus = ["-i", "softbus", "-c", str(hub.path)]
-        self.socket = folder / "manager.sock"
-        self.processes: list[subprocess.Popen[str]] = []
-
-    def start(self, *words: str) -> "subprocess.Popen[str]":
-        command = [sys.executable, "-m", *words, *self.bus, "--key", str(self.key), "--until-eof"]
-        process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        self.processes.append(process)
-        return process
-
-    def end(self) -> None:
-        for process in self.processes:
-            process.send_signal(signal.SIGTERM)
-        for process in self.processes:
-            process.communicate(timeout=PATIENCE_S)
+    def __init__(self, bus: Path, folder: Path, spec: Path, key: Path) -> None:
+        super().__init__(bus, folder, "--key", str(key))
+        self.spec, self.key = str(spec), str(key)
 
     def send_table(self, *more: str) -> int:
-        return main(["send-table", str(self.spec), "tail_pe", *self.bus, *more])
+        return main(["send-table", self.spec, "tail_pe", *self.bus, *more])
 
 
 @pytest.fixture
 def fleet(tmp_path: Path, spec: Path, key: Path) -> Iterator[Fleet]:
-    with start_hub(tmp_path / "can0.sock", 1_000_000) as hub:
-        fleet = Fleet(tmp_path, spec, key, hub)
-        try:
-            yield fleet
-        finally:
-            fleet.end()
-
-
-def until(process: "subprocess.Popen[str]", kind: type[E], **fields: Any) -> E:
-    """Wait for an event of a manager."""
-    assert process.stdout is not None
-    return next_event(process.stdout, kind, **fields)
+    with start_hub(tmp_path / "can0.sock", 1_000_000) as hub, ended(Fleet(hub.path, tmp_path, spec, key)) as fleet:
+        yield fleet
 
 
 def test_a_pe_with_a_key_takes_its_table_only_with_the_key_and_an_unlock(
     fleet: Fleet, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    manager = fleet.start(
-        "heronry_tools.cli", "manager", str(fleet.spec), "--json", "--socket", str(fleet.socket),
-        "--state-dir", str(fleet.folder),
-    )  # fmt: skip
+    manager = fleet.manager(fleet.spec)
     for pe in PES[:2]:
-        assert main(["table", str(fleet.spec), pe, "-o", str(fleet.folder / f"{pe}.table")]) == 0
-        fleet.start("heronry_agent", "--simulated", "--table", str(fleet.folder / f"{pe}.table"))
-    fleet.start("heronry_agent", "--simulated", "--node", str(TAIL_NODE))
-    until(manager, TableBrought, pe="tail_pe")  # unlocked and sealed by the manager, of its own accord
-    until(manager, PeJoined, pe="tail_pe")
-    until(manager, Reconfigured)
+        table = str(fleet.folder / f"{pe}.table")
+        assert main(["table", fleet.spec, pe, "-o", table]) == 0
+        fleet.agent(pe, "--simulated", "--table", table)
+    fleet.agent("tail_pe", "--simulated", "--node", str(TAIL_NODE))
+    next_event(manager, TableBrought, pe="tail_pe")  # unlocked and sealed by the manager, of its own accord
+    next_event(manager, PeJoined, pe="tail_pe")
+    next_event(manager, Reconfigured)
     capsys.readouterr()
     assert fleet.send_table() == 2
     assert "did not take the table (Code 0x08000022" in capsys.readouterr().err
-    assert fleet.send_table("--key", str(fleet.key), "--socket", str(fleet.folder / "nobody.sock")) == 2
+    assert fleet.send_table("--key", fleet.key, "--socket", str(fleet.folder / "nobody.sock")) == 2
     assert "no manager listens on" in capsys.readouterr().err
     # It flies, and keeps the table beside the one by which it flies.
-    assert fleet.send_table("--key", str(fleet.key), "--socket", str(fleet.socket)) == 0
+    assert fleet.send_table("--key", fleet.key, "--socket", str(fleet.socket)) == 0
     assert main(["unlock", "pe:tail_pe", "--socket", str(fleet.socket)]) == 0
