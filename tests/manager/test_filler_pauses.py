@@ -1,12 +1,6 @@
 """Searches for which nobody waits stand still while something is urgent, and nothing of them stays behind."""
 
-import os
-import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -22,6 +16,7 @@ from heronry_manager.planning_policy import PlanningPolicy
 from heronry_manager.shell.filler_pauses import PAUSE_PERIODS, FillerPauses
 from heronry_manager.shell.planner_processes import PlannerProcesses
 from heronry_wire.state_frames import PeState
+from manager.killed_parents import expect_end_of_helper, state_of, until
 from manager.one_manager import BEAT_NS, MS, OneManager
 
 FILE = shipped_spec_path("elevator_and_chute")
@@ -42,22 +37,6 @@ planner.hold(True)
 print(planner.process_id, flush=True)
 os.kill(os.getpid(), signal.SIGKILL)
 """
-
-
-def state_of(pid: int) -> str | None:
-    """Return the letter of a process's state; None where it has ended."""
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return None
-    return None if state in "ZX" else state
-
-
-def until(holds: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 60
-    while not holds():
-        assert time.monotonic() < end_s
-        time.sleep(0.005)
 
 
 def stands_still(planner: PlannerClient) -> bool:
@@ -179,13 +158,4 @@ def test_a_process_that_stands_still_ends_in_order_and_its_successor_stands_stil
 
 @pytest.mark.parametrize("process", ["ready", "starting"])
 def test_a_manager_that_is_killed_during_a_pause_leaves_no_process(process: str) -> None:
-    command = [sys.executable, "-c", MANAGER_THAT_IS_KILLED, str(FILE), process]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as manager:
-        said, _ = manager.communicate(timeout=120)
-    assert manager.returncode == -signal.SIGKILL
-    pid = int(said)
-    try:
-        until(lambda: state_of(pid) is None)
-    finally:
-        if state_of(pid) is not None:
-            os.kill(pid, signal.SIGKILL)
+    expect_end_of_helper(MANAGER_THAT_IS_KILLED, str(FILE), process)
