@@ -1,4 +1,4 @@
-"""The processes of an aircraft on a software bus: a test starts them, hears what they say, and ends them."""
+"""The processes of an aircraft on one bus: a test starts them, hears what they say, and ends them."""
 
 import os
 import signal
@@ -18,9 +18,13 @@ PATIENCE_S = 60
 class Nodes:
     """The processes on one bus; what a process says on standard error is in its log, NAME.log."""
 
-    def __init__(self, bus: Path, folder: Path, *more: str) -> None:
-        """Begin without processes; `more`: words for the command of each."""
-        self.folder, self.bus, self.more = folder, ["-i", "softbus", "-c", str(bus)], more
+    def __init__(self, bus: Path | str, folder: Path, *more: str) -> None:
+        """Begin without processes; `bus`: the socket of a software bus, or the name of a SocketCAN interface.
+
+        more: words for the command of each process.
+        """
+        interface = "softbus" if isinstance(bus, Path) else "socketcan"
+        self.folder, self.bus, self.more = folder, ["-i", interface, "-c", str(bus)], more
         self.socket = folder / "manager.sock"
         self.running: list[subprocess.Popen[str]] = []
 

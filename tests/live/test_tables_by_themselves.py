@@ -14,6 +14,7 @@ from heronry_manager.events import AnotherTable, PeJoined, PeLost, Reconfigured,
 from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.pe_table import PeTable
+from lab.slow_spec import slow_spec
 from live.node_processes import Nodes, ended, nodes_on_a_bus
 from live.told_events import next_event
 
@@ -108,34 +109,42 @@ RADIO = BIG_BLUE.buses["radio"]
 @pytest.mark.soak  # nine agents, a manager with its solver, and two buses
 @pytest.mark.parametrize("has_key", [False, True])
 def test_nine_nodes_with_a_node_id_and_a_bus_fly_big_blue_and_one_is_replaced(has_key: bool, tmp_path: Path) -> None:
-    key = tmp_path / "fleet.key"
+    with start_hub(tmp_path / "can0.sock", 1_000_000) as can0:
+        fly_big_blue("big_blue", can0.path, has_key, tmp_path)
+
+
+@pytest.mark.soak
+@pytest.mark.vcan
+@pytest.mark.parametrize("has_key", [False, True])
+def test_the_same_on_a_vcan(has_key: bool, tmp_path: Path) -> None:
+    """The radio is a software bus, as always."""
+    slow = slow_spec("big_blue", tmp_path, heartbeat_ms=1000, rates_divided_by=40)
+    fly_big_blue(str(slow), "vcan0", has_key, tmp_path)
+
+
+def fly_big_blue(spec: str, can0: Path | str, has_key: bool, folder: Path) -> None:
+    """Start nine blank agents and a manager, and replace one agent in flight."""
+    key = folder / "fleet.key"
     assert main(["key", str(key)]) == 0
+    more = ["--key", str(key)] if has_key else []
     with (
-        start_hub(tmp_path / "can0.sock", 1_000_000) as can0,
-        start_hub(tmp_path / "radio.sock", RADIO.bitrate) as radio,
+        start_hub(folder / "radio.sock", RADIO.bitrate) as radio,
+        ended(Nodes(can0, folder, *more)) as nodes,
+        ended(Nodes(radio.path, folder, "--bitrate", str(RADIO.bitrate), *more)) as beyond,
     ):
-        more = ["--key", str(key)] if has_key else []
-        with (
-            ended(Nodes(can0.path, tmp_path, *more)) as nodes,
-            ended(Nodes(radio.path, tmp_path, "--bitrate", str(RADIO.bitrate), *more)) as beyond,
-        ):
-            fly_big_blue(nodes, beyond, radio.path)
-
-
-def fly_big_blue(nodes: Nodes, beyond: Nodes, radio: Path) -> None:
-    agents = {}
-    for pe in BIG_BLUE.pes.values():
-        here = nodes if BIG_BLUE.manager.bus in pe.buses else beyond
-        other = ["--bus", f"radio=softbus:{radio}"] if len(pe.buses) > 1 else []
-        agents[pe.name] = here.agent(pe.name, "--simulated", "--node", str(pe.node_id), *other)
-    manager = nodes.manager("big_blue")
-    waiting = set(BIG_BLUE.pes)
-    while waiting:
-        waiting.remove(next_event(manager, TableBrought).pe)
-    next_event(manager, Reconfigured)
-    agents["payload"].kill()
-    next_event(manager, PeLost, pe="payload")
-    nodes.agent("payload", "--simulated", "--node", str(BIG_BLUE.pes["payload"].node_id))
-    next_event(manager, TableBrought, pe="payload")
-    next_event(manager, PeJoined, pe="payload")
-    next_event(manager, Reconfigured)
+        agents = {}
+        for pe in BIG_BLUE.pes.values():
+            here = nodes if BIG_BLUE.manager.bus in pe.buses else beyond
+            other = ["--bus", f"radio=softbus:{radio.path}"] if len(pe.buses) > 1 else []
+            agents[pe.name] = here.agent(pe.name, "--simulated", "--node", str(pe.node_id), *other)
+        manager = nodes.manager(spec)
+        waiting = set(BIG_BLUE.pes)
+        while waiting:
+            waiting.remove(next_event(manager, TableBrought).pe)
+        next_event(manager, Reconfigured)
+        agents["payload"].kill()
+        next_event(manager, PeLost, pe="payload")
+        nodes.agent("payload", "--simulated", "--node", str(BIG_BLUE.pes["payload"].node_id))
+        next_event(manager, TableBrought, pe="payload")
+        next_event(manager, PeJoined, pe="payload")
+        next_event(manager, Reconfigured)
