@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-import heronry_tools
 import heronry_wire
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.compiled import machine_code as compiled
@@ -50,12 +50,22 @@ def test_every_shipped_spec_is_in_the_copy() -> None:
     assert {"heronry_dg/specs/big_blue.dg.yaml", "heronry_dg/specs/flights/eav.dg.yaml"} <= specs
 
 
-def test_every_oracle_is_compiled_since_its_base_is() -> None:
-    folder = Path("heronry_tools/sim/oracles")
-    root = Path(heronry_tools.__path__[0]).parent
-    oracles = {folder / file.name for file in (root / folder).glob("*.py") if "(Oracle)" in file.read_text()}
-    assert oracles
-    assert oracles <= set(sources())
+def test_every_class_with_a_compiled_base_is_compiled() -> None:
+    """A class of Python cannot inherit from a native class that does not allow it: it fails when it is used."""
+    native = {str(file) for file in sources()}
+    found = []
+    for name, file in compiled._copied():
+        text = file.read_text() if name.endswith(".py") and name not in native else ""
+        based = re.findall(r"^class (\w+)\((\w+)", text, re.MULTILINE)
+        origin = {
+            one.asname or one.name: str(node.module).replace(".", "/") + ".py"
+            for node in (ast.parse(text).body if based else ())
+            if isinstance(node, ast.ImportFrom)
+            for one in node.names
+        }
+        allowed = compiled._DERIVED_FROM
+        found += [(name, own) for own, base in based if base not in allowed and origin.get(base) in native]
+    assert found == []
 
 
 def test_arguments_by_name_without_a_default_come_first_since_mypyc_may_write_no_other_signature() -> None:

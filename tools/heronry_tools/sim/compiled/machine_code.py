@@ -84,7 +84,7 @@ _COMPILED = {
     "planned_load priorities progress proven_commands proven_states publishing queues radio registry active_term "
     "safe_mode scripts service silence solitude stale tables terms transitions violation",
     "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host module_steps node pe_outbox "
-    "plant_view simulated_manager simulated_pe station steps_seen",
+    "plant_view simulated_blank simulated_manager simulated_pe station steps_seen",
 }
 # Classes created for every frame or step that hold only values; no code unpacks those that are named tuples.
 _MADE_OFTEN = frozenset(
