@@ -14,7 +14,7 @@ import pytest
 from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
-from heronry_manager.events import Event, PhaseChanged, Place, Status, Stopped
+from heronry_manager.events import Event, ManagerStarted, PhaseChanged, Place, Status, Stopped
 from heronry_manager.shell.control_place import ControlError
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.followers import Followers
@@ -23,9 +23,10 @@ from heronry_tools.console.spec_files import load_spec
 from heronry_tools.watch import live_feeds
 from heronry_tools.watch.live_feeds import FollowedManager
 from heronry_tools.watch.reducer import Reducer
-from heronry_tools.watch.snapshot import Stranger, Transfer
+from heronry_tools.watch.snapshot import Snapshot, Stranger, Transfer
+from heronry_tools.watch.top.sources import LiveSource
 
-SPEC = load_spec("big_blue")
+SPEC, OTHER = load_spec("big_blue"), load_spec("elevator_and_chute")
 PATIENCE_S = 30.0
 
 
@@ -71,14 +72,14 @@ def test_a_status_gives_the_snapshot_what_is_coming() -> None:
 
 
 @contextmanager
-def manager_on(path: Path, first: Event) -> Iterator[ControlSocket]:
-    """A manager's socket, served by a thread."""
+def manager_on(path: Path, first: Event | Callable[[], Event]) -> Iterator[ControlSocket]:
+    """A manager's socket, served by a thread; `first`: its first line to each follower."""
     over = threading.Event()
 
     def serve(control: ControlSocket) -> None:
         while not over.wait(0.005):
             control.poll()
-            control.followers.pump(lambda: first)
+            control.followers.pump(lambda: first if isinstance(first, Event) else first())
 
     with ControlSocket(path) as control:
         server = Thread(target=serve, args=(control,))
@@ -119,6 +120,59 @@ def test_a_manager_is_followed_to_its_end_and_from_its_return_on(
     with manager_on(path, status(t_ns=99)):
         events = polled(feed, lambda found: found)
         assert (events[0].kind, events[0].t_ns, feed.trouble) == ("status", 99, None)
+    feed.close()
+
+
+def another_status(t_ns: int) -> Status:
+    """What the manager says that flies by elevator_and_chute now, whose file has gone; it keeps a copy."""
+    core = ManagerCore(OTHER, 126, NOTHING, 5)
+    told = {**core.status(), "files": {"flies": str(shipped_spec_path("elevator_and_chute"))}}
+    return Status(t_ns, told, plan=None, bus=Place("can0", "softbus", "/no/such.sock"), file="/gone.dg.yaml")
+
+
+def another_started(t_ns: int) -> ManagerStarted:
+    """What the core of another spec tells first."""
+    return ManagerStarted(
+        t_ns,
+        spec=OTHER.name,
+        spec_digest=OTHER.digest,
+        node=126,
+        term=3,
+        bus="can0",
+        phase=None,
+        advises=False,
+        key=None,
+    )
+
+
+def test_a_view_goes_on_when_the_aircraft_changes_to_another_spec(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_feeds, "_AGAIN_NS", 0)
+    path, now = tmp_path / "big_blue.sock", [status()]
+    with manager_on(path, lambda: now[-1]) as control:
+        feed = FollowedManager(path)
+        view = LiveSource(feed)
+
+        def shown(holds: Callable[[Snapshot], object]) -> Snapshot:
+            until_s = time.monotonic() + PATIENCE_S
+            while not holds(view.snapshot()):
+                assert time.monotonic() < until_s, view.snapshot()
+                view.look()
+                time.sleep(0.005)
+            return view.snapshot()
+
+        control.followers.tell(PhaseChanged(9, phase="landing", before="ascent", by="operator"))
+        shown(lambda view: view.phase == "landing")
+        now.append(another_status(20))
+        control.followers.tell(another_started(19))
+        last = shown(lambda view: view.t_ns == 20)
+        assert (last.spec, last.spec_digest, last.pes.keys()) == (OTHER.name, OTHER.digest, OTHER.pes.keys())
+        assert any(one.event == "phase_changed" for one in last.told)
+        assert (feed.spec_file, feed.trouble) == (shipped_spec_path("elevator_and_chute"), None)
+    shown(lambda _: feed.trouble)
+    with manager_on(path, status(t_ns=99)):  # it is started again, with the first spec
+        assert shown(lambda view: view.t_ns == 99).spec == "big_blue"
     feed.close()
 
 

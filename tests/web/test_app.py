@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
+from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.core.vocabulary import (
     ClearElement,
@@ -122,6 +123,27 @@ def test_a_recording_gives_any_moment():
         assert asking.get("/api/snapshot", params={"at_ns": "soon"}).json()["events"] == len(flown())
         assert asking.get("/api/snapshot", params={"at_ns": "nan"}).json()["events"] == len(flown())
         assert asking.get("/api/facts").json()["recorded"]
+
+
+def test_a_change_of_the_spec_ends_each_stream_with_the_whole_and_changes_what_pages_get():
+    file = shipped_spec_path("elevator_and_chute")
+    other, site = load(file), live_site()
+    drawing = site.picture("")
+
+    async def last():
+        stream = live_stream(site.shown, asyncio.Event())
+        await anext(stream)
+        site.change_to(other, file)
+        return [one async for one in stream]
+
+    *_, whole = asyncio.run(last())
+    assert whole.startswith("event: whole")
+    assert json.loads(whole.split("data: ")[1])["snapshot"]["spec_digest"] == other.digest
+    assert (site.facts["digest"], list(site.facts["pes"])) == (other.digest, list(other.pes))
+    assert site.picture("") != drawing
+    with client(site) as asking:
+        answer = asking.post("/api/ask", json={"ask": "plan", "down": []}).json()
+        assert set(answer["plan"]["modules"]) <= set(other.modules)
 
 
 def test_another_site_learns_and_orders_nothing(reading):

@@ -4,6 +4,7 @@ import asyncio
 import os
 import time
 
+from heronry_dg.shipped import shipped_spec_path
 from heronry_manager import events
 from heronry_manager.shell.control_place import standby_of
 from heronry_tools.watch import live_feeds
@@ -11,7 +12,7 @@ from heronry_tools.watch.live_feeds import FollowedManager
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.web.following import read_in_thread
 from heronry_tools.web.live import Live
-from watch.test_live_feeds import PATIENCE_S, SPEC, manager_on, status
+from watch.test_live_feeds import OTHER, PATIENCE_S, SPEC, another_started, another_status, manager_on, status
 
 
 async def until(holds):
@@ -44,6 +45,29 @@ def test_after_a_take_over_the_page_follows_the_standby_manager_and_later_its_ow
             await until(lambda: live.trouble is None)
 
     asyncio.run(follow())
+
+
+def test_a_page_goes_on_with_another_spec(tmp_path, monkeypatch):
+    monkeypatch.setattr(live_feeds, "_AGAIN_NS", 0)
+    path, now, changes = tmp_path / "big_blue.sock", [status()], []
+    live = Live(Reducer(SPEC), "manager")
+
+    def changed(spec, file):
+        changes.append((spec.name, file))
+        live.change_to(spec)
+
+    async def follow():
+        with manager_on(path, lambda: now[-1]) as control:
+            read_in_thread(lambda: FollowedManager(path), live, path, changed)
+            await until(lambda: live.snapshot.events == 1)
+            now.append(another_status(20))
+            control.followers.tell(another_started(19))
+            await until(lambda: live.snapshot.t_ns == 20)
+        return live.snapshot
+
+    last = asyncio.run(follow())
+    assert (last.spec_digest, last.pes.keys()) == (OTHER.digest, OTHER.pes.keys())
+    assert changes == [(OTHER.name, shipped_spec_path(OTHER.name))]
 
 
 class Busy:

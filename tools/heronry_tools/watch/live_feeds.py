@@ -5,7 +5,8 @@
 
 A feed never sends on a bus. A feed is polled: `readers` gives the descriptors to wait on, and `poll` the events that
 have come. If a manager ends, its feed stays open. The feed tries every second to connect to the manager again;
-meanwhile `trouble` says that the manager is gone.
+meanwhile `trouble` says that the manager is gone. If the manager flies by another spec from then on, or has changed to
+another spec in flight, the feed has that spec, and its events are those of that spec from the next status on.
 """
 
 import json
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from heronry_dg.model import Spec
-from heronry_manager.events import Event, Place, Status
+from heronry_manager.events import Event, ManagerStarted, Place, Status
 from heronry_manager.events import Feed as FeedEvent
 from heronry_manager.events.reading import events_in, read_event
 from heronry_manager.shell.control_client import follow
@@ -40,7 +41,10 @@ _FIRST_LINE_S = 5.0
 
 
 class Feed(Protocol):
-    """A source of events; a view polls it."""
+    """A source of events; a view polls it.
+
+    `spec` may be another one after a poll.
+    """
 
     spec: Spec
     spec_file: Path | None  # None if the caller named the spec itself
@@ -114,18 +118,18 @@ class FollowedManager:
         self._path = path
         self.trouble: str | None = None
         self.frames: list[LoggedFrame] = []
+        self.spec_file: Path | None
         self._line = follow(path)
         try:
             first, self._rest = _first_of(self._line, path)
-            self.spec = _spec_of(first)
+            self.spec, self.spec_file = _spec_of(first)
         except BaseException:
             self._line.close()
             raise
         self._line.setblocking(False)
         self._events: list[Event] = [first]
-        self.spec_file: Path | None = Path(first.file)
-        self._try_again_ns = 0
-        self._buses = self._opened(first.bus) if hears_bus else None
+        self._try_again_ns, self._hears_bus = 0, hears_bus
+        self._buses = self._opened(first.bus)
 
     def readers(self) -> Sequence[Any]:
         """Return the descriptors that become readable when an event of the manager, or a frame of the bus, has come."""
@@ -133,7 +137,10 @@ class FollowedManager:
         return [*line, *([] if self._buses is None else self._buses.readers())]
 
     def poll(self) -> list[Event]:
-        """Return the events since the last poll; tries to connect again to a manager that had ended."""
+        """Return the events since the last poll; tries to connect again to a manager that had ended.
+
+        Raises UserError if the manager flies by another spec, and that cannot be read.
+        """
         events, self._events = self._events, []
         self.frames.clear()
         if self._buses is not None:
@@ -163,7 +170,22 @@ class FollowedManager:
                 break
             self._rest += chunk
         *lines, self._rest = self._rest.split(b"\n")
-        return list(events_in(lines))
+        found: list[Event] = []
+        for event in events_in(lines):
+            found.append(event)
+            if isinstance(event, ManagerStarted) and event.spec_digest != self.spec.digest:
+                self.trouble = f"the aircraft has changed to {event.spec}"  # its status says where that spec is
+                break
+            if isinstance(event, Status) and event.status["spec_digest"] != self.spec.digest:
+                self._changes_to(event)
+        return found
+
+    def _changes_to(self, status: Status) -> None:
+        """Go on with the spec that a status names, and with the bus of its manager."""
+        self.spec, self.spec_file = _spec_of(status)
+        before, self._buses = self._buses, self._opened(status.bus)
+        if before is not None:
+            before.close()
 
     def _again(self) -> None:
         if time.monotonic_ns() < self._try_again_ns:
@@ -177,6 +199,8 @@ class FollowedManager:
 
     def _opened(self, bus: Place) -> HeardBuses | None:
         """Open the manager's bus; None if it cannot be opened, which is no error: the feed then has no traffic."""
+        if not self._hears_bus:
+            return None
         model = self.spec.buses[bus.name]
         if not bus.channel or " " in bus.interface:  # only the manager's can.conf names the channel
             return None
@@ -257,17 +281,18 @@ def _first_of(line: socket.socket, path: Path) -> tuple[Status, bytes]:
     return first, rest
 
 
-def _spec_of(first: Status) -> Spec:
-    """Load the spec with which a manager flies.
+def _spec_of(first: Status) -> tuple[Spec, Path]:
+    """Load the spec with which a manager flies, from its file or else from the copy that the manager keeps.
 
-    Raises UserError if the file has changed since the manager loaded it.
+    Raises UserError if the file has changed since the manager loaded it, and there is no copy.
     """
-    spec, digest = load_spec(first.file), first.status["spec_digest"]
-    if spec.digest != digest:
-        raise UserError(
-            f"{first.file} has changed since the manager was started: undo the change, or restart the manager"
-        )
-    return spec
+    copy = first.status.get("files", {}).get("flies")
+    for file in (first.file, *(() if copy is None else (copy,))):
+        with suppress(UserError, HeronryError):
+            spec = load_spec(file)
+            if spec.digest == first.status["spec_digest"]:
+                return spec, Path(file)
+    raise UserError(f"{first.file} has changed since the manager was started: undo the change, or restart the manager")
 
 
 def _refusal(line: bytes) -> str:

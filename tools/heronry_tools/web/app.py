@@ -100,15 +100,27 @@ class Site:
         assert isinstance(self.shown, Recording)
         return RecordedPlots(self.shown.reducer, self.shown.events, self.frames)
 
+    def change_to(self, spec: Spec, file: Path | None) -> None:
+        """Go on with another spec, to which the aircraft has changed; `file`: its file. Each page begins anew."""
+        assert isinstance(self.shown, Live)
+        self.spec = spec
+        self.pictures = {}
+        for name in ("facts", "_offers"):
+            self.__dict__.pop(name, None)
+        if file is not None:
+            self.questions.change_to(spec, file)
+        self.shown.change_to(spec)
+
     def picture(self, function: str) -> str:
         """Return the drawing of what contributes to a function, or of the whole graph if `function` is empty.
 
         Each drawing is made only once.
         """
         with self.drawing:
-            if function not in self.pictures:
-                self.pictures[function] = picture(self.spec, function or None)
-            return self.pictures[function]
+            pictures = self.pictures
+            if function not in pictures:
+                pictures[function] = picture(self.spec, function or None)
+            return pictures[function]
 
     async def page(self, _: Request) -> Response:
         """Answer with the page itself, the file `index.html`."""

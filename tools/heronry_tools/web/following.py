@@ -16,6 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from heronry_dg.model import Spec
 from heronry_manager.events import Event
 from heronry_manager.shell.control_place import ControlError, standby_of
 from heronry_tools.console.errors import as_user_error
@@ -29,19 +30,26 @@ _BETWEEN_S: Final = 0.01  # from one look to the next: a look costs more than th
 _MOST_WAITING: Final = 64  # polls that the loop has not taken yet
 
 OpenFeed = Callable[[], Feed]
+Changed = Callable[[Spec, Path | None], None]
+"""Is called in the event loop when the feed has another spec, with its file if the feed knows it."""
 
 
-def read_in_thread(open_feed: OpenFeed, live: Live, manager: Path | None) -> None:
+def read_in_thread(
+    open_feed: OpenFeed, live: Live, manager: Path | None, changed: Changed = lambda _spec, _file: None
+) -> None:
     """Start a thread that reads the feed and hands all events to `live`, in the running event loop.
 
     manager: the socket of the manager. If the feed has lost its manager, a feed of the standby manager takes its place.
     None: the feed is kept, and no standby manager is followed.
+    changed: shows another spec from then on.
     """
     loop = asyncio.get_running_loop()
-    threading.Thread(target=_read, args=(open_feed, live, manager, loop), daemon=True, name="feed").start()
+    threading.Thread(target=_read, args=(open_feed, live, manager, changed, loop), daemon=True, name="feed").start()
 
 
-def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.AbstractEventLoop) -> None:
+def _read(
+    open_feed: OpenFeed, live: Live, manager: Path | None, changed: Changed, loop: asyncio.AbstractEventLoop
+) -> None:
     room = threading.Semaphore(_MOST_WAITING)
 
     def take(events: Sequence[Event], plotted: Sequence[LoggedFrame], trouble: str | None, is_alive: bool) -> None:
@@ -49,7 +57,7 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
         live.take_all(events, trouble, is_alive=is_alive)
         live.plots.take(plotted)
 
-    feed, has_frames = None, False
+    feed, has_frames, digest = None, False, live.snapshot.spec_digest
     try:
         feed = _opened(open_feed, lambda why: loop.call_soon_threadsafe(live.waits, why))
         while True:
@@ -58,6 +66,9 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
             events = feed.poll()
             has_frames = has_frames or bool(feed.frames)
             is_alive = bool(feed.frames) if has_frames else feed.trouble is None
+            if feed.spec.digest != digest:
+                digest = feed.spec.digest
+                loop.call_soon_threadsafe(changed, feed.spec, feed.spec_file)
             room.acquire()
             loop.call_soon_threadsafe(take, events, live.plots.picked(feed.frames), feed.trouble, is_alive)
             if feed.trouble is not None and manager is not None:

@@ -14,9 +14,11 @@ from collections.abc import Iterable
 from typing import Any, Final
 from zlib import compress, decompress
 
+from heronry_dg.model import Spec
 from heronry_manager import events
 from heronry_manager.events import Event
 from heronry_manager.events.line import to_line
+from heronry_tools.watch.changed_spec import goes_on
 from heronry_tools.watch.reducer import Reducer, State
 from heronry_tools.watch.snapshot import Snapshot, Source
 from heronry_tools.web.plots.live import LivePlots
@@ -67,6 +69,14 @@ class Live:
         self._waiting: set[asyncio.Event] = set()
         self.plots = LivePlots(reducer.spec)
         self.trouble: str | None = None  # why nothing comes at present
+
+    def change_to(self, spec: Spec) -> None:
+        """Go on with another spec, to which the aircraft has changed."""
+        self._reducer = Reducer(spec)
+        self._state = goes_on(self._state, self._reducer)
+        self._loads.clear()
+        self.plots = LivePlots(spec)
+        self._wake()
 
     @property
     def snapshot(self) -> Snapshot:

@@ -72,7 +72,7 @@ def serve_what(arguments: argparse.Namespace) -> None:
         threading.Thread(target=site.picture, args=("",), daemon=True).start()  # before a browser asks for it
         print(json.dumps({"address": address}) if arguments.json else f"{opened.spec.name}: {address}", flush=True)
         if opened.feed is not None and isinstance(opened.shown, Live):
-            read_in_thread(opened.feed, opened.shown, opened.manager)
+            read_in_thread(opened.feed, opened.shown, opened.manager, site.change_to)
 
     serve(site, listener, begun)
 

@@ -52,6 +52,13 @@ class Questions:
                 return answer
             return {"refused": f"the planner's process has ended: {await self._last_words()}"}
 
+    def change_to(self, spec: Spec, file: Path) -> None:
+        """Ask about another spec from the next question on."""
+        self._spec, self._file = spec, file
+        if self._process is not None:
+            with suppress(ProcessLookupError):
+                self._process.kill()
+
     async def warm(self) -> None:
         """Start the planner's process, so that the first question need not wait for its start."""
         async with self._turn:

@@ -1,7 +1,8 @@
 """The one stream of a page, as server-sent events.
 
     event: whole     sent first: the snapshot, the loads of the last minutes, and for a recording its begin and end
-                     (`offered`: the orders that the page may give now)
+                     (`offered`: the orders that the page may give now). Sent again, as the last event, if the aircraft
+                     changes to another spec: the page must begin anew
     event: change    what differs from the snapshot that was sent before (`changes`)
     event: beat      sent at least once a second. For a live feed: for how long nothing has come, and why; for a
                      recording: the time that is shown, and whether the recording plays
@@ -47,7 +48,7 @@ def _changed(before: Snapshot, after: Snapshot, loads: list[dict[str, Any]], **m
 
 
 async def live_stream(live: Live, closing: asyncio.Event, offers: OfferedOrders | None = None) -> AsyncIterator[str]:
-    """Stream the present state of a system, until `closing` is set.
+    """Stream the present state of a system, until `closing` is set or the aircraft changes to another spec.
 
     offers: the orders that the page may give; they are sent as `offered`, by element, whenever they have changed.
     """
@@ -58,6 +59,9 @@ async def live_stream(live: Live, closing: asyncio.Event, offers: OfferedOrders 
     beat_s, told, sent_s = time.monotonic(), live.trouble, 0.0
     while not closing.is_set():
         now, due_s = live.snapshot, beat_s + _BEAT_S
+        if now.spec_digest != known.spec_digest:
+            yield _whole(now, live.loads(0), offered={})
+            return
         if now is not known:  # perhaps since before the last change was sent: nothing else may come that would wake
             between_s = _BETWEEN_FIGURES_S if now.told is known.told else _BETWEEN_LINES_S
             due_s = min(due_s, sent_s + between_s)

@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from heronry_dg.model import Spec
+from heronry_tools.watch.changed_spec import goes_on
 from heronry_tools.watch.live_feeds import Feed
 from heronry_tools.watch.recording import Recording
 from heronry_tools.watch.reducer import Reducer
@@ -20,9 +22,13 @@ class LiveSource:
     is_recorded = False
 
     def __init__(self, feed: Feed) -> None:
-        self._feed, self._reducer = feed, Reducer(feed.spec)
-        self.operator = None if feed.socket is None else Operator(feed.spec, feed.socket)
+        self._feed = feed
+        self._shows(feed.spec)
         self._state = self._reducer.start(feed.source)
+
+    def _shows(self, spec: Spec) -> None:
+        feed, self._reducer = self._feed, Reducer(spec)
+        self.operator = None if feed.socket is None else Operator(spec, feed.socket)
 
     def readers(self) -> Sequence[Any]:
         """Return the descriptors of the feed that become readable when the feed has received something."""
@@ -30,7 +36,11 @@ class LiveSource:
 
     def look(self) -> None:
         """Read the events that have come from the feed, and update the snapshot with them."""
-        self._state = self._reducer.all(self._feed.poll(), self._state)
+        events = self._feed.poll()
+        if self._feed.spec.digest != self._reducer.spec.digest:
+            self._shows(self._feed.spec)
+            self._state = goes_on(self._state, self._reducer)
+        self._state = self._reducer.all(events, self._state)
 
     def snapshot(self) -> Snapshot:
         """Return the present snapshot."""

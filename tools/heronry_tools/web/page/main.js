@@ -70,6 +70,10 @@ function chips() {
 function take(kind, data) {
   heard = performance.now();
   if (kind === "whole") {
+    if (!data.recording && data.snapshot.spec_digest !== store.facts.digest) {
+      location.reload(); // the aircraft has changed to another spec: everything here is of the one before
+      return;
+    }
     takeWhole(data);
     age.broken = null;
   } else if (kind === "change") {
