@@ -1,4 +1,4 @@
-"""The argument `a` of CLEAR and HOLDS: the kind of an element, and the place of a module that failed on one PE."""
+"""What CLEAR and HOLDS name: an element, the place of a module that failed on one PE, or the spec that flies."""
 
 from heronry_wire.management import EVERYWHERE, ElementKind
 
@@ -14,3 +14,11 @@ def element_field(kind: ElementKind, node: int = EVERYWHERE) -> int:
 def kind_and_place(a: int) -> tuple[int, int]:
     """Split the argument `a` of CLEAR or HOLDS in two: the number of an element's kind, and a node-ID or EVERYWHERE."""
     return a & 0xFF, a >> 8
+
+
+def spec_mark(digest: str) -> int:
+    """Return the argument `b` of the HOLDS that names the spec that flies: the first 16 bits of its digest.
+
+    digest: of the spec, hexadecimal.
+    """
+    return int(digest[:4], 16)

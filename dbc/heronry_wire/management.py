@@ -104,6 +104,7 @@ class ElementKind(IntEnum):
     CHANNEL = 5
     PRIORITY = 6
     SCRIPT = 7  # in HOLDS alone, with index 0: a script of the operator is held
+    SPEC = 9  # in HOLDS alone: the spec that flies, and b = its mark (`element_places`)
 
 
 class FaultCode(IntEnum):

@@ -440,3 +440,19 @@ def test_the_table_that_is_read_is_the_one_that_flies() -> None:
     assert index.table.spec == "other"
     assert (index.modules.keys(), index.node) == ({0, 2, 3, 4, 5}, NODE)
     assert GYRO not in index.modules or index.lease_ns == LEASE_NS
+
+
+def test_commands_of_an_earlier_switch_and_of_a_table_that_is_not_there_change_nothing() -> None:
+    pe = flying()
+    bring(pe)
+    there = [*slice_of(SAME, 6), *(Activate(1, 6, step, 1006) for step in (Step.BREAK, Step.GO, Step.GO_ALL))]
+    pe.command(*there)
+    switched(pe, FLYING, 7, TABLE)
+    before = len(pe.done)
+    pe.command(*there)
+    pe.command(Activate(1, 8, Step.GO_ALL, 1006))
+    pe.command(*slice_of(SAME, 9, replace(OTHER, spec_digest="22" * 32)), Activate(1, 9, Step.BREAK, 1009))
+    actions = [action for _, action in pe.done[before:]]
+    assert not [one for one in actions if isinstance(one, SwitchTable)] + started(actions) + stopped(actions)
+    running = pe.core.active_configuration.running
+    assert (running.epoch, running.table) == (7, None)

@@ -1,7 +1,8 @@
 """One aircraft on one bus in virtual time: real cores of the manager and of the PEs, with a fault at any frame.
 
 Modules answer each step at once with a constant for each output. A frame reaches every other node after 0.3 ms. The
-world swaps the manager's core when the PEs have changed to another spec, as the driver of a manager does.
+world swaps the manager's core when the PEs have changed to another spec, as the driver of a manager does. A standby
+manager (node 127) can be there, too.
 """
 
 import heapq
@@ -37,6 +38,8 @@ from heronry_manager.core.vocabulary import (
     Reply,
     RequestPlan,
     RequestSwitch,
+    SpecAtHand,
+    SpecFollowed,
     SpecSwitched,
 )
 from heronry_manager.planner.greedy.planner import Greedy
@@ -63,6 +66,18 @@ class Pe:
     beside: bytes = b""  # identity of its table beside
     steps: dict[str, list[int]] = field(default_factory=dict)
     running: dict[str, int] = field(default_factory=dict)  # by name: since when
+
+
+@dataclass
+class Standby:
+    """The standby manager: its spec, and the spec that it has at hand."""
+
+    spec: Spec
+    core: ManagerCore
+    memory: Memory = NOTHING
+    at_hand: OtherSpec | None = None
+    cores: int = 1
+    events: list[object] = field(default_factory=list)
 
 
 @dataclass
@@ -95,6 +110,7 @@ class World:
         for pe in self.spec.pes:
             self.boot(pe, self.compiler.table(pe), 1)
         self._begin(self.spec, NOTHING)
+        self.standby: Standby | None = None
 
     def boot(self, pe: str, table: PeTable, incarnation: int) -> None:
         self.dead.discard(pe)
@@ -113,6 +129,21 @@ class World:
         self.dead.discard("manager")
         self._begin(spec, self.memory if spec.digest == self.spec.digest else self.memory.numbers())
 
+    def add_standby(self, spec: Spec, memory: Memory = NOTHING) -> Standby:
+        """Start a standby manager with this spec, and with what its journal holds."""
+        self.standby = Standby(spec, self._standby_core(spec, memory), memory)
+        return self.standby
+
+    def _standby_core(self, spec: Spec, memory: Memory) -> ManagerCore:
+        tables = OtherSpec(spec).contents
+        return ManagerCore(spec, 127, memory, self.now_ns, tables=tables, key=self.key, standby=True)
+
+    def give_standby(self, other: Spec) -> None:
+        """Let the standby manager have another spec at hand."""
+        assert self.standby is not None
+        self.standby.at_hand = OtherSpec(other)
+        self._standby(SpecAtHand(other.digest))
+
     # Time
 
     def run(self, duration_ns: int, until: Callable[[], bool] = lambda: False) -> bool:
@@ -123,7 +154,8 @@ class World:
                 return True
             due = [end_ns, *(pe.core.next_deadline_ns() for name, pe in self.pes.items() if name not in self.dead)]
             manager_ns = self.manager.next_deadline_ns() if "manager" not in self.dead else None
-            due += [] if manager_ns is None else [manager_ns]
+            standby_ns = None if self.standby is None else self.standby.core.next_deadline_ns()
+            due += [one for one in (manager_ns, standby_ns) if one is not None]
             due += [self._queue[0][0]] if self._queue else []
             self.now_ns = max(self.now_ns, min(due))
             while self._queue and self._queue[0][0] <= self.now_ns:
@@ -135,6 +167,8 @@ class World:
             manager_ns = self.manager.next_deadline_ns()
             if manager_ns is not None and manager_ns <= self.now_ns and "manager" not in self.dead:
                 self._manager(Tick())
+            if standby_ns is not None and standby_ns <= self.now_ns:
+                self._standby(Tick())
         return until()
 
     def deliver(self, frame: Frame, sender: str) -> None:
@@ -146,6 +180,8 @@ class World:
                 self._states[frame.can_id] = self.now_ns, frame
             if self.manager.hears(frame.can_id):
                 self._manager(Received(0, frame))
+        if self.standby is not None and sender != "standby" and self.standby.core.hears(frame.can_id):
+            self._standby(Received(0, frame))
 
     def _send(self, frame: Frame, sender: str) -> None:
         self.sent += 1
@@ -247,6 +283,30 @@ class World:
                 frame for can_id, (at_ns, frame) in self._states.items() if can_id in nodes and at_ns >= since_ns
             )
         self._manager(Tick())
+
+    def _standby(self, event: object) -> None:
+        one = self.standby
+        assert one is not None
+        actions = list(one.core.step(self.now_ns, event))  # type: ignore[arg-type]
+        one.core.validate()
+        for action in actions:
+            match action:
+                case Send(_, frame):
+                    self._send(frame, "standby")
+                case RequestPlan(number, now, running):
+                    self._standby(PlanReady(number, Greedy(one.spec).plan(now, running)))
+                case SpecFollowed(preparation):
+                    assert one.at_hand is not None
+                    one.spec, one.memory = one.at_hand.spec, one.at_hand.memory(one.memory, None)
+                    one.cores += 1
+                    one.core = self._standby_core(one.spec, one.memory)
+                    one.core.catch_up(preparation)
+                case Emit(told):
+                    one.events.append(told)
+                case Keep(record):
+                    one.memory = one.memory.after(record)
+                case _:
+                    pass
 
     # The operator
 

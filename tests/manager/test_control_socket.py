@@ -60,6 +60,7 @@ ORDERS: list[Spoken] = [
     ReleaseTarget(),
     Reload("changed.dg.yaml", "0123456789abcdef"),
     Reload("changed.dg.yaml"),
+    Reload("changed.dg.yaml", "0123456789abcdef", for_standby=True),
 ]
 
 

@@ -9,6 +9,7 @@ import signal
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
 from threading import Event
@@ -36,6 +37,7 @@ from heronry_manager.core.memory import (
     Released,
     Reserved,
     Runs,
+    SpecFlies,
     TermBegun,
     as_json,
     from_json,
@@ -63,6 +65,7 @@ STORY: tuple[Record, ...] = (
     Reserved("counter", 4096),
     TermBegun(3),
     Runs(17, 1, "03"),
+    SpecFlies(0x3F2A),
 )
 MEMORIES = tuple(accumulate(STORY, Memory.after, initial=NOTHING))
 HEAD = whole_journal(SPEC, NOTHING)
@@ -75,6 +78,7 @@ records = st.lists(
         st.integers(1, 4095).map(TermBegun),
         st.builds(Reserved, st.sampled_from((EPOCHS, "counter")), _small),
         st.builds(Runs, st.integers(1, 0xFFFF), _small, _names),
+        st.integers(0, 0xFFFF).map(SpecFlies),
         _names.map(PhaseEntered),
         st.builds(Latched, _names, _names, _names, _small),
         _names.map(Cleared),
@@ -90,7 +94,8 @@ records = st.lists(
 
 
 def facts(memory: Memory) -> Memory:
-    return Memory(0, {}, memory.runs, memory.phase, memory.latched, memory.quarantined)
+    told = Memory(0, {}, memory.runs, memory.phase, memory.latched, memory.quarantined)
+    return replace(told, flies=memory.flies)
 
 
 # What is read

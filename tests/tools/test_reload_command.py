@@ -18,21 +18,23 @@ FILE = shipped_spec_path("elevator_and_chute")
 class Manager:
     """Answers as a manager that flies elevator_and_chute."""
 
-    def __init__(self, **changed: Any) -> None:
-        self.status = {
+    def __init__(self, state: str = "active") -> None:
+        self.status: dict[str, Any] = {
             "spec": "elevator_and_chute",
             "spec_digest": "old",
+            "manager": {"state": state},
             "files": {"flies": str(FILE), "before": None},
-            "reload": {"to": None, "state": None, "given_up": None},
-            **changed,
+            "reload": {"to": None, "state": None, "given_up": None, "at_hand": None, "flies": None},
         }
         self.orders: list[Reload] = []
-        self.takes = True
+        self.takes, self.refuses = True, ""
 
     def call(self, _path: Path, order: object) -> Answer:
         if isinstance(order, AskStatus):
             return Answer(done=True, sentence="", status=self.status)
         assert isinstance(order, Reload)
+        if self.refuses:
+            return Answer(done=False, sentence=self.refuses)
         self.orders.append(order)
         if self.takes:
             self.status["spec_digest"] = order.digest
@@ -45,7 +47,19 @@ class Manager:
 def manager(monkeypatch: pytest.MonkeyPatch) -> Manager:
     found = Manager()
     monkeypatch.setattr(reload, "call", found.call)
-    monkeypatch.setattr(reload, "found_sockets", list)
+    return found
+
+
+@pytest.fixture
+def standby(manager: Manager, monkeypatch: pytest.MonkeyPatch) -> Manager:
+    """A standby manager beside it, which follows when it has the spec."""
+    found = Manager("standby")
+
+    def call(path: Path, order: object) -> Answer:
+        return (found if path == Path("x-standby") else manager).call(path, order)
+
+    monkeypatch.setattr(reload, "call", call)
+    monkeypatch.setattr(reload, "is_listened_on", lambda path: path == Path("x-standby"))
     return found
 
 
@@ -108,17 +122,70 @@ def test_a_manager_that_knows_no_reload_is_told(
     assert "start it again with this version" in capsys.readouterr().err
 
 
-def test_words_that_name_nothing_or_too_much_are_refused(
-    manager: Manager, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_words_that_name_nothing_or_too_much_are_refused(manager: Manager, capsys: pytest.CaptureFixture[str]) -> None:
     for words in ([], ["my.dg.yaml", "--back"], ["--back", "--watch"]):
         assert main(["reload", *words, "--socket", "x"]) == 2
     assert main(["reload", "--back", "--socket", "x"]) == 2
     assert "there is no way back" in capsys.readouterr().err
-    monkeypatch.setattr(reload, "found_sockets", lambda: [Path("uav-standby.sock")])
+    for words in (["--standby", "--watch"], ["--standby", "--without-standby"]):
+        assert main(["reload", str(FILE), *words, "--socket", "x"]) == 2
+        assert "leave the other option out" in capsys.readouterr().err
+    assert main(["reload", str(FILE), "--standby", "--socket", "x"]) == 2
+    assert "no standby manager runs here" in capsys.readouterr().err
+    manager.status["manager"] = {"state": "standby"}
     assert main(["reload", str(FILE), "--socket", "x"]) == 2
-    assert "uav-standby lacks the new spec" in capsys.readouterr().err
+    assert "give it the spec with --standby" in capsys.readouterr().err
     assert not manager.orders
+
+
+def test_a_standby_manager_here_is_given_the_spec_first(
+    manager: Manager, standby: Manager, newer: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["reload", str(newer), "--yes", "--socket", "x"]) == 0
+    assert [order.for_standby for order in standby.orders] == [True]
+    assert [order.for_standby for order in manager.orders] == [False]
+    assert "and the standby manager has followed" in capsys.readouterr().out
+
+
+def test_a_standby_manager_that_takes_no_spec_ends_the_order_unless_it_is_left_out(
+    manager: Manager, standby: Manager, newer: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    standby.refuses = "its bus is another one"
+    assert main(["reload", str(newer), "--yes", "--socket", "x"]) == 1
+    assert "does not take the spec: its bus is another one; mend that, or give --without-standby" in (
+        capsys.readouterr().err
+    )
+    assert not manager.orders
+    assert main(["reload", str(newer), "--yes", "--without-standby", "--socket", "x"]) == 0
+    assert len(manager.orders) == 1
+
+
+def test_a_standby_manager_that_does_not_follow_in_time_is_told(
+    manager: Manager, standby: Manager, newer: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(reload, "_FOLLOWS_S", 0.0)
+    standby.takes = False
+    assert main(["reload", str(newer), "--yes", "--socket", "x"]) == 0
+    assert "has not followed yet" in capsys.readouterr().out
+    assert manager.orders
+
+
+def test_on_its_own_computer_a_standby_manager_alone_is_given_the_spec(
+    manager: Manager, standby: Manager, newer: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["reload", str(newer), "--standby", "--socket", "x"]) == 0
+    assert [order.for_standby for order in standby.orders] == [True]
+    assert not manager.orders
+    digest = standby.status["spec_digest"]
+    standby.status["spec_digest"] = "old"
+    standby.status["reload"]["flies"] = digest[:4]
+    assert main(["reload", str(newer), "--standby", "--socket", "x"]) == 0
+    assert "on its way, and the standby manager has followed" in capsys.readouterr().out
+    assert main(["reload", str(newer), "--standby", "--socket", "x"]) == 0
+    assert "has this spec already" in capsys.readouterr().out
+    bad = newer.with_name("bad.dg.yaml")
+    bad.write_text(newer.read_text().replace("cpu: 0.03", "cpu: 30", 1))
+    assert main(["reload", str(bad), "--standby", "--socket", "x"]) == 1
 
 
 def test_each_save_flies_and_a_bad_one_is_told(

@@ -9,12 +9,14 @@ from heronry_manager.core.vocabulary import AskStatus, ClearElement, FailElement
 from heronry_tools.reports.status import report
 from heronry_wire.authentication import Key
 from heronry_wire.canopen_objects import MODULE_FAILURES
+from heronry_wire.element_places import spec_mark
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkState
 from heronry_wire.identifiers import emcy_id
-from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Lease, Operation, Step
 from heronry_wire.standstill import StoodStill
 from heronry_wire.state_frames import PeFlags, PeState, StatePage3
+from lab.peers import command_frame
 from manager.one_manager import MS, OneManager
 from manager.test_pe_details import LEFT, Reading
 from manager.test_radio_links import Flight
@@ -50,6 +52,18 @@ def test_when_all_is_well_it_says_what_runs(manager: OneManager) -> None:
         "buses, as planned",
         "  can0         0 bit/s, 0.0 %",
     ]
+
+
+def test_a_standby_manager_that_lacks_the_spec_that_flies_says_what_to_type() -> None:
+    standby = standing_by()
+    standby.hear(command_frame(Lease(1, 0, Step.PREPARED, 0)))
+    standby.hear(command_frame(Control(1, 0, Operation.HOLDS, ElementKind.SPEC, 0x3F2A)))
+    assert told(standby)[2] == (
+        "! another spec flies (digest 3f2a...): this manager does not take over until it has it, by 'heronry reload "
+        "SPEC --standby'"
+    )
+    standby.hear(command_frame(Control(1, 0, Operation.HOLDS, ElementKind.SPEC, spec_mark(standby.spec.digest))))
+    assert not told(standby)[2].startswith("!")
 
 
 def test_what_is_wrong_comes_first(manager: OneManager) -> None:

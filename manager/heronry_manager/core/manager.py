@@ -71,11 +71,13 @@ from heronry_manager.core.vocabulary import (
     PlanReady,
     ReloadSpec,
     Reply,
+    SpecAtHand,
     SwitchReady,
 )
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
+from heronry_wire.management import ManagementMessage
 from heronry_wire.protocol_times import START_UP_WINDOW_NS, late_ns
 from heronry_wire.sansio import NEVER_NS, Received, Tick
 from heronry_wire.standstill import StoodStill
@@ -220,6 +222,10 @@ class ManagerCore:
             self._inbound.take(frame)
         self._claim.listens_until_ns = self._turn.now_ns
 
+    def catch_up(self, preparation: Iterable[ManagementMessage]) -> None:
+        """Begin as the core of the spec that flies in the process of a standby manager (`SpecFollowed`)."""
+        self._following.catch_up(preparation)
+
     @property
     def now(self) -> Situation:
         """The situation as this manager knows it."""
@@ -251,7 +257,7 @@ class ManagerCore:
             case OperatorSaid():
                 self._turn.do(*self._accept(event))
             case (
-                JournalTold() | AliveLeft() | ChannelsLost() | StoodStill()
+                JournalTold() | AliveLeft() | ChannelsLost() | SpecAtHand() | StoodStill()
             ):  # pragma: no branch - nothing else is left
                 self._driver_told(event)
         if self._claim.state is Mastership.STANDBY and self._following.is_orphaned():
@@ -383,6 +389,8 @@ class ManagerCore:
                 self._beat.alive_left(frame)
             case ChannelsLost(channels):
                 self._situation.own_channels_lost(channels)
+            case SpecAtHand(digest):
+                self._reloading.at_hand(digest)
             case StoodStill():  # pragma: no branch - nothing else is left
                 self._details.stood_still(event)
 

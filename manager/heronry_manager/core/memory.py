@@ -8,6 +8,7 @@ The core gives out each change of this memory as a record (`Keep`). All records 
               reservation is on disk before the first frame that uses it. So the numbers only rise, whatever else is
               lost
     facts     what runs: epoch, digest, and the configuration as a row of `configuration_code`
+              the mark of the spec that flies, if a change of the spec in flight was heard of or made
               the mission phase
               the changed priorities, and the last request of each PE for a priority
               the latched faults, also those that the operator declared
@@ -25,6 +26,7 @@ from dataclasses import dataclass, field, replace
 from heronry_wire.management import MAX_TERM, NO_EPOCH
 
 EPOCHS = "epoch"  # kind of number
+MOST_MARK = 0xFFFF  # of a spec
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,13 @@ class Runs:
     epoch: int
     digest: int
     row: str
+
+
+@dataclass(frozen=True, slots=True)
+class SpecFlies:
+    """The aircraft has changed to another spec in flight, or is said to have; `mark` of that spec (`spec_mark`)."""
+
+    mark: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +139,7 @@ Record = (
     TermBegun
     | Reserved
     | Runs
+    | SpecFlies
     | PhaseEntered
     | PhaseRequest
     | PriorityRecord
@@ -159,14 +169,15 @@ class Memory:
     phase_requests: Mapping[str, PhaseRequest] = field(default_factory=dict)  # by PE, its last request
     priorities: Mapping[str, PriorityChanged] = field(default_factory=dict)  # by function
     priority_requests: Mapping[tuple[str, str], PriorityRequest] = field(default_factory=dict)  # by PE and function
+    flies: int | None = None  # mark of the spec that flies; None: no change of the spec is known
 
     def after(self, record: Record) -> "Memory":
         """Return a new memory: this one with the change that the record describes."""
         match record:
             case TermBegun() | Reserved():
                 return self._with_number(record)
-            case Runs():
-                return replace(self, runs=record)
+            case Runs() | SpecFlies():
+                return replace(self, runs=record) if isinstance(record, Runs) else replace(self, flies=record.mark)
             case PhaseEntered(phase):
                 return replace(self, phase=phase)
             case PhaseRequest(pe):
@@ -201,6 +212,7 @@ class Memory:
         records: list[Record] = [TermBegun(self.term)] if self.term else []
         records += [Reserved(kind, last) for kind, last in self.reserved.items()]
         records += [self.runs] if self.runs is not None else []
+        records += [SpecFlies(self.flies)] if self.flies is not None else []
         records += [PhaseEntered(self.phase)] if self.phase is not None else []
         records += self.phase_requests.values()
         records += self.priorities.values()
@@ -221,8 +233,8 @@ def as_json(record: Record) -> list[str | int]:
     match record:
         case TermBegun() | Reserved():
             return ["term", record.term] if isinstance(record, TermBegun) else ["reserved", record.kind, record.last]
-        case Runs(epoch, digest, row):
-            return ["runs", epoch, digest, row]
+        case Runs() | SpecFlies():
+            return _what_flies_as_json(record)
         case PhaseEntered(phase):
             return ["phase", phase]
         case PhaseRequest(pe, incarnation, number):
@@ -237,6 +249,12 @@ def as_json(record: Record) -> list[str | int]:
             return ["quarantined", pe, losses]
         case Released(pe):  # pragma: no branch - nothing else is left
             return ["released", pe]
+
+
+def _what_flies_as_json(record: Runs | SpecFlies) -> list[str | int]:
+    if isinstance(record, SpecFlies):
+        return ["flies", record.mark]
+    return ["runs", record.epoch, record.digest, record.row]
 
 
 def _priority_as_json(record: PriorityRecord) -> list[str | int]:
@@ -264,6 +282,8 @@ def _fact(content: object) -> Record | None:
     match content:
         case ["runs", int(epoch), int(digest), str(row)] if epoch != NO_EPOCH:
             return Runs(epoch, digest, row)
+        case ["flies", int(mark)] if 0 <= mark <= MOST_MARK:
+            return SpecFlies(mark)
         case ["phase", str(phase)]:
             return PhaseEntered(phase)
         case ["asked", str(pe), int(incarnation), int(number)]:

@@ -15,6 +15,7 @@ from heronry_dg.situation import Situation
 from heronry_manager.core.memory import Record
 from heronry_manager.events import Event
 from heronry_wire.frame import Frame
+from heronry_wire.management import ManagementMessage
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.standstill import StoodStill
 
@@ -225,6 +226,23 @@ class SwitchReady:
 
 
 @dataclass(frozen=True, slots=True)
+class SpecAtHand:
+    """The driver has another spec ready, with this digest: if it flies, this manager can follow (`SpecFollowed`)."""
+
+    digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class SpecFollowed:
+    """This manager stands by, and the spec at hand flies: the driver ends this core, and begins one of that spec.
+
+    preparation: how the active manager has prepared its last epoch, for `ManagerCore.catch_up`.
+    """
+
+    preparation: tuple[ManagementMessage, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class SpecSwitched:
     """All PEs fly by the other spec: the driver ends this core, and begins one of that spec (`ManagerCore.memory`).
 
@@ -282,6 +300,6 @@ class Reply:
     is_unusable: bool = False
 
 
-DriverEvent = JournalTold | ChannelsLost | AliveLeft | StoodStill
+DriverEvent = JournalTold | ChannelsLost | AliveLeft | SpecAtHand | StoodStill
 ManagerEvent = Received | Tick | PlanReady | PlanFailed | SwitchReady | OperatorSaid | DriverEvent
-ManagerAction = Send | RequestPlan | RequestSwitch | SpecSwitched | Settled | Emit | Keep | Reply | Stop
+ManagerAction = Send | RequestPlan | RequestSwitch | SpecSwitched | SpecFollowed | Settled | Emit | Keep | Reply | Stop

@@ -37,6 +37,13 @@ class StandingBy(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class OtherSpecFlies(Event):
+    """The active manager announces that another spec flies than this standby manager's, which does not take over."""
+
+    digest: Annotated[str, "its first four digits"]
+
+
+@dataclass(frozen=True, slots=True)
 class Refused(Event):
     """Most PEs report that they hear no LEASE, though it is sent; the manager begins a new term."""
 

@@ -82,7 +82,7 @@ def find_socket(name: str | None) -> Path:
 
     Raises ControlError if managers run but none of them has this name, or if, without a name, not exactly one runs.
     """
-    running = [path for path in found_sockets() if _is_listened_on(path)]
+    running = running_sockets()
     names = ", ".join(path.stem for path in running)
     if name is not None:
         path = default_socket(name)
@@ -99,7 +99,15 @@ def find_socket(name: str | None) -> Path:
     return running[0]
 
 
-def _is_listened_on(path: Path) -> bool:
+def running_sockets() -> list[Path]:
+    """List the sockets in this user's folder on which a manager listens, by name.
+
+    Raises ControlError if another user owns the folder or can write to it.
+    """
+    return [path for path in found_sockets() if is_listened_on(path)]
+
+
+def is_listened_on(path: Path) -> bool:
     """Tell whether a process listens on the socket at a path.
 
     A socket without a process may be left there, since a manager that is killed does not remove its socket.

@@ -11,6 +11,7 @@
     {"v": 1, "do": "traceback", "what": "module:autopilot"}     {"v": 1, "done": true, "sentence": "Traceback ..."}
     {"v": 1, "do": "script", "what": "Guav.PruneEdges ();"}         the text of a script of component graphs
     {"v": 1, "do": "reload", "what": "/etc/uav.dg.yaml", "digest": "5f3a..."}     the digest that the operator was shown
+    {"v": 1, "do": "ready", "what": "/etc/uav.dg.yaml", "digest": "5f3a..."}      for a standby manager: see `Reload`
     {"v": 1, "do": "release"}                                       the script that is held
     {"v": 1, "do": "follow"}                        a status, then every event: see `followers`
 
@@ -54,11 +55,13 @@ class FlyScript:
 class Reload:
     """Order of the operator: fly by the spec in a file of the manager's computer; `digest`: of the spec that is meant.
 
-    An empty digest means whatever is in the file.
+    An empty digest means whatever is in the file. With `for_standby` nothing changes now: the manager has the spec at
+    hand, and follows, when it stands by and the aircraft changes to that spec.
     """
 
     file: str
     digest: str = ""
+    for_standby: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +110,9 @@ def order_line(order: Spoken | Follow) -> bytes:
             return _line({"v": VERSION, "do": _BARE[type(order)]})
         case SetPriority(function, priority):
             return _line({"v": VERSION, "do": "priority", "what": function, "to": priority})
-        case Reload(file, digest):
-            return _line({"v": VERSION, "do": "reload", "what": file, "digest": digest})
+        case Reload(file, digest, for_standby):
+            do = "ready" if for_standby else "reload"
+            return _line({"v": VERSION, "do": do, "what": file, "digest": digest})
         case EnterPhase(what) | FlyScript(what):
             return _line({"v": VERSION, "do": _CALLED[type(order)], "what": what})
         case _:
@@ -124,8 +128,8 @@ def read_order(line: bytes) -> Spoken | Follow | str:
             return AskStatus()
         case {"v": _, "do": "priority", "what": str(what), "to": int() | None as priority}:
             return SetPriority(what, priority)
-        case {"v": _, "do": "reload", "what": str(what), "digest": str(digest)}:
-            return Reload(what, digest)
+        case {"v": _, "do": "reload" | "ready" as do, "what": str(what), "digest": str(digest)}:
+            return Reload(what, digest, for_standby=do == "ready")
         case {"v": _, "do": "release"}:
             return ReleaseTarget()
         case {"v": _, "do": "follow"}:

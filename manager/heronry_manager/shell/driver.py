@@ -42,6 +42,7 @@ from heronry_manager.core.vocabulary import (
     RequestPlan,
     RequestSwitch,
     Settled,
+    SpecFollowed,
     SpecSwitched,
     Stop,
 )
@@ -303,7 +304,7 @@ class ManagerDriver:
                     answers += self._planners.take(action)
                 case RequestSwitch():
                     answers.append(self._reloads.first(action))
-                case SpecSwitched():
+                case SpecSwitched() | SpecFollowed():
                     self._succeed(action)
                 case Emit(told):
                     self._happened(told)
@@ -341,9 +342,10 @@ class ManagerDriver:
             else:
                 self._step(told)
 
-    def _succeed(self, switched: SpecSwitched) -> None:
+    def _succeed(self, told: SpecSwitched | SpecFollowed) -> None:
         """Go on with a core of the spec by which all PEs fly now; bus, socket and journal stay."""
-        found = self._reloads.takes_over()
+        switched = told if isinstance(told, SpecSwitched) else None
+        found = self._reloads.follows() if switched is None else self._reloads.takes_over()
         other = found.other
         memory = other.memory(self._core.memory, switched)
         if self._journal is not None:
@@ -354,7 +356,9 @@ class ManagerDriver:
         self._spec, self._file, self._plants = other.spec, str(found.file.resolve()), Plants(other.spec)
         nodes = {state_id(pe.node_id) for pe in other.spec.pes.values()}
         states = (frame for at_ns, frame in self._states.values() if at_ns >= heard_ns and frame.can_id in nodes)
-        if not self._core.has_key:
+        if isinstance(told, SpecFollowed):
+            self._core.catch_up(told.preparation)
+        elif not self._core.has_key:
             self._core.succeed(states)
         self._step(Tick())
 

@@ -143,7 +143,8 @@ class Journal:
     def __init__(self, folder: Path, node: int, spec: Spec, *, accept_changed_spec: bool = False) -> None:
         """Open the journal, or begin a new one; raises JournalError if it is locked, unreadable, or of another spec.
 
-        accept_changed_spec: open also a journal of another spec, keep its numbers, and drop its facts.
+        accept_changed_spec: open also a journal of another spec, keep its numbers, and drop its facts; in one of this
+            spec drop only that another one flies.
         """
         self.file = folder / f"manager-{node}.journal"
         self.memory = NOTHING
@@ -279,6 +280,8 @@ class Journal:
                 "missing; look at 'heronry status', and give the missing orders again"
             )
         if digest == self._spec.digest:
+            if accept_changed_spec:  # although another one is said to fly
+                self.memory = replace(self.memory, flies=None)
             return
         if digest is not None and not accept_changed_spec:
             raise JournalError(

@@ -22,6 +22,7 @@ from heronry_manager.core.memory import Memory, Runs
 from heronry_manager.core.tables import Compiler, PeTables
 from heronry_manager.core.vocabulary import ReloadSpec, RequestSwitch, SpecSwitched, SwitchReady
 from heronry_manager.planner.greedy.planner import Greedy
+from heronry_wire.element_places import spec_mark
 
 
 class OtherSpec:
@@ -73,12 +74,16 @@ class OtherSpec:
         self._row = ConfigurationCode(self.spec).encode(plan.configuration).hex()
         return SwitchReady(request.number, plan, compiled.digest, compiled.slices, compiled.slice_digests)
 
-    def memory(self, before: Memory, switched: SpecSwitched) -> Memory:
-        """Return the memory with which a core of this spec begins; `before`: that of the core before it."""
+    def memory(self, before: Memory, switched: SpecSwitched | None) -> Memory:
+        """Return the memory with which a core of this spec begins.
+
+        before: that of the core before it. switched: what runs; None: a standby manager has yet to overhear it.
+        """
         phases, functions, pes = self.spec.phases, self.spec.functions, self.spec.pes
         return replace(
             before,
-            runs=Runs(switched.epoch, switched.digest, self._row),
+            runs=None if switched is None else Runs(switched.epoch, switched.digest, self._row),
+            flies=spec_mark(self.spec.digest),
             phase=before.phase if before.phase in phases else None,
             latched={element: one for element, one in before.latched.items() if self._has(element)},
             quarantined={pe: losses for pe, losses in before.quarantined.items() if pe in pes},

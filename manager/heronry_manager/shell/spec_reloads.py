@@ -4,6 +4,8 @@
     on its way  the core has the order. It asks for the first configuration (`first`), which takes as long as an
                 immediate plan
     changed     the PEs fly by the other spec: the driver takes it from here (`takes_over`)
+    at hand     the spec of an order `for_standby`: the core knows its digest. When the aircraft has changed to it, the
+                driver takes it from here (`follows`). It is kept beside the journal, and read again after a restart
 
 An order that comes while another one is on its way is given to the core, too, which refuses it: the other spec stays
 that of the first order. Where an order ends without a change, its spec is forgotten.
@@ -20,6 +22,7 @@ the aircraft flies (with which `heronry reload` compares the next one), and of t
 
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -28,11 +31,13 @@ from threading import Thread
 from heronry_dg.model import Spec
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import Memory
-from heronry_manager.core.vocabulary import OperatorSaid, ReloadSpec, Reply, RequestSwitch, SwitchReady
+from heronry_manager.core.vocabulary import OperatorSaid, ReloadSpec, Reply, RequestSwitch, SpecAtHand, SwitchReady
 from heronry_manager.shell.control_protocol import Reload
 from heronry_manager.shell.other_spec import OtherSpec
 from heronry_manager.shell.planner_processes import PlannerProcesses
 from heronry_wire.errors import HeronryError
+
+_NOBODY = 0  # in the place of the number of an order: no caller waits for a reply
 
 Load = Callable[[Path], Spec]
 """Reads the spec in a file; raises HeronryError."""
@@ -80,9 +85,18 @@ class SpecReloads:
         self._copies, self._count = copies, 0
         self.before: Path | None = None
         self.flies = self._copy(file)
-        self._read: SimpleQueue[tuple[int, Next | str]] = SimpleQueue()
+        self._read: SimpleQueue[tuple[int, Reload, Next | str]] = SimpleQueue()
         self._is_reading = False
         self._next: Next | None = None
+        self._at_hand: Next | None = None
+        self._kept: Path | None = None
+
+    def resume(self, folder: Path) -> None:
+        """Keep the spec at hand in a folder of its own from now on, and begin to read what was kept there."""
+        self._kept = folder
+        kept = sorted(folder.glob("*.yaml")) if folder.is_dir() else []
+        if kept:
+            self.begin(_NOBODY, Reload(str(kept[0]), for_standby=True))
 
     def begin(self, number: int, order: Reload) -> Reply | None:
         """Begin to read the spec of an order; returns the reply if it is refused at once."""
@@ -92,8 +106,8 @@ class SpecReloads:
         Thread(target=self._read_one, args=(number, order), daemon=True).start()
         return None
 
-    def poll(self, *, is_changing: bool) -> Iterator[OperatorSaid | Reply]:
-        """Yield the order for the core, or the reply of a refusal, once a spec has been read.
+    def poll(self, *, is_changing: bool) -> Iterator[OperatorSaid | SpecAtHand | Reply]:
+        """Yield what the core is told, and the reply where the core gives none, once a spec has been read.
 
         is_changing: whether the core carries out an order.
         """
@@ -101,12 +115,16 @@ class SpecReloads:
             _in_background(self._next.successor.close)
             self._next = None
         try:
-            number, found = self._read.get_nowait()
+            number, order, found = self._read.get_nowait()
         except Empty:
             return
         self._is_reading = False
         if isinstance(found, str):
             yield Reply(number, done=False, sentence=found)
+        elif order.for_standby:
+            self._puts_at_hand(found)
+            yield SpecAtHand(found.order.digest)
+            yield Reply(number, done=True, sentence=f"{found.order.name} is at hand, for when the aircraft flies by it")
         else:
             if is_changing:
                 found.successor.close()
@@ -130,6 +148,20 @@ class SpecReloads:
     def takes_over(self) -> Next:
         """Return what flies from now on."""
         found, self._next = self._next, None
+        return self._flies(found)
+
+    def follows(self) -> Next:
+        """Return what was at hand, and flies from now on."""
+        found, self._at_hand = self._at_hand, None
+        return self._flies(found)
+
+    def _puts_at_hand(self, found: Next) -> None:
+        if self._at_hand is not None:
+            _in_background(self._at_hand.successor.close)
+        self._at_hand = found
+        found.successor.start()
+
+    def _flies(self, found: Next | None) -> Next:
         assert found is not None
         _in_background(self._close)
         self._spec, self._close = found.other.spec, found.successor.close
@@ -142,7 +174,7 @@ class SpecReloads:
 
     def _tidy(self) -> None:
         """Remove the copies that nobody needs any more; none is being made meanwhile."""
-        needed = [self.flies, self.before, None if self._next is None else self._next.copy]
+        needed = [self.flies, self.before, *(one.copy for one in (self._next, self._at_hand) if one is not None)]
         for folder in {*self._copies.iterdir()} - {copy.parent for copy in needed if copy is not None}:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -155,14 +187,30 @@ class SpecReloads:
 
     def _read_one(self, number: int, order: Reload) -> None:
         file = Path(order.file)
+        found: Next | str
         try:
-            self._read.put((number, self._read_file(file, order.digest)))
+            found = self._read_file(file, order.digest)
+            if order.for_standby and isinstance(found, Next):
+                self._keep(found.copy)
         except HeronryError as error:
-            self._read.put((number, str(error)))
+            found = str(error)
         except OSError as error:
-            self._read.put((number, f"{file}: {error.strerror}"))
+            found = f"{file}: {error.strerror}"
         except Exception as error:  # noqa: BLE001 - the loop of the manager must go on, whatever a spec makes fail
-            self._read.put((number, f"{file} cannot be read: {type(error).__name__}: {error}"))
+            found = f"{file} cannot be read: {type(error).__name__}: {error}"
+        self._read.put((number, order, found))
+
+    def _keep(self, copy: Path) -> None:
+        """Keep the copy of the spec at hand for a restart, in the place of the one before."""
+        if self._kept is None:
+            return
+        draft = self._kept / "draft"
+        with suppress(OSError):  # a full disk costs only the copy for a restart
+            self._kept.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(copy, draft)
+            for before in self._kept.glob("*.yaml"):
+                before.unlink()
+            draft.replace(self._kept / copy.name)
 
     def _read_file(self, file: Path, digest: str) -> Next | str:
         copy = self._copy(file)

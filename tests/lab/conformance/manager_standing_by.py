@@ -10,6 +10,7 @@ from heronry_manager.core.vocabulary import AskStatus, FailElement, UnlockPe
 from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, Key
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.configuration_slice import slice_digest
+from heronry_wire.element_places import spec_mark
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
@@ -245,6 +246,23 @@ def what_is_held_no_more_is_cleared() -> None:
     equal([one.element for one in cleared], ["device:elevator_servo_1"], "faults that it holds no more")
     waited = (cleared[0].t_ns - began_ns) / PERIOD_NS
     demand(44 <= waited <= 47, f"a fault that is not announced is given up after {waited} beats")
+
+
+def a_standby_without_the_spec_that_flies_does_not_command() -> None:
+    """Another spec is announced: no fact counts, and there is no take-over. With its own it takes over and says so."""
+    for is_own in (False, True):
+        manager, active_manager = _standing_by()
+        own = spec_mark(manager.spec.digest)
+        fact = Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 1)
+        for mark in (own ^ 1, *((own,) if is_own else ())):
+            manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.SPEC, mark), fact, manager=126)
+            manager.run(20)
+            equal(len(manager.told(events.FaultReported)), int(mark == own), f"faults after the spec {mark:04x}")
+        _its_mastership_ends(manager, active_manager, 500)
+        equal(bool(manager.said(Lease)), is_own, "whether it takes over")
+        if is_own:
+            held = [one for _, one in manager.said(Control) if one.operation is Operation.HOLDS]
+            equal((held[0].a, held[0].b), (ElementKind.SPEC, own), "what it announces first")
 
 
 def a_place_is_held_and_cleared_by_its_node() -> None:

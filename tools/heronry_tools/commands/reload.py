@@ -1,7 +1,8 @@
 """`heronry reload`: a flying aircraft changes to another spec.
 
 The file is checked and compared here, with the copy that the manager keeps of the spec that flies. The manager reads
-the file itself, and refuses it if it is no longer what was shown.
+the file itself, and refuses it if it is no longer what was shown. A standby manager on this computer is given the file
+first; where it does not take the file, nothing is ordered.
 
 Exit codes: 0 the aircraft flies by the spec; 1 refused or given up: the old spec flies on; 2 the input cannot be used.
 """
@@ -10,48 +11,81 @@ import argparse
 import sys
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from heronry_dg.rules.rule import Severity
+from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.vocabulary import AskStatus
-from heronry_manager.shell.control_client import call
-from heronry_manager.shell.control_place import STANDBY, found_sockets
+from heronry_manager.shell.control_client import call, find_socket, is_listened_on, running_sockets
+from heronry_manager.shell.control_place import active_of, standby_of
 from heronry_manager.shell.control_protocol import Answer, Reload
 from heronry_tools.analysis.diff.difference import difference
 from heronry_tools.analysis.diff.findings import findings_change
 from heronry_tools.analysis.diff.report import text_report
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.manager_calls import manager_socket, say_answer
+from heronry_tools.console.manager_calls import say_answer
 from heronry_tools.console.progress import Working
 from heronry_tools.console.spec_files import spec_path, spec_text
+from heronry_wire.element_places import spec_mark
 from heronry_wire.errors import HeronryError
 
 _LOOK_S, _SAVED_S = 0.2, 0.5
+_FOLLOWS_S = 5.0  # in which a standby manager hears of the change
+
+
+@dataclass(frozen=True, slots=True)
+class Managers:
+    """The sockets of the managers here: of the active one and of the standby manager; None: it does not run here."""
+
+    active: Path | None
+    standby: Path | None
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Reload once, or at each save; returns the exit code."""
     if arguments.back == (arguments.spec is not None) or (arguments.back and arguments.watch):
         raise UserError("name the spec by which to fly, or give --back alone")
-    socket = manager_socket(arguments)
-    standby = next((one.stem for one in found_sockets() if one.stem.endswith(STANDBY)), None)
-    if standby is not None and not arguments.without_standby:
+    if arguments.standby and (arguments.watch or arguments.without_standby):
+        raise UserError("--standby gives the spec to the standby manager alone: leave the other option out")
+    managers = _managers(arguments)
+    socket = managers.standby if arguments.standby else managers.active
+    if socket is None and arguments.standby:
+        raise UserError("no standby manager runs here: give --standby on the computer of the standby manager")
+    if socket is None:
         raise UserError(
-            f"the standby manager {standby} lacks the new spec, and would go back to the old one: stop it and start it "
-            "with the new spec afterwards, or give --without-standby"
+            "the manager here stands by: give it the spec with --standby, and then order the change on the computer of "
+            "the active manager"
         )
     if arguments.watch:
-        return _watch(arguments, socket, spec_path(arguments.spec))
-    if not arguments.back:
-        return say_answer(arguments, _reload(arguments, socket, spec_path(arguments.spec)))
+        return _watch(arguments, managers, spec_path(arguments.spec))
+    file = _before(socket) if arguments.back else spec_path(arguments.spec)
+    return say_answer(
+        arguments, _stage(arguments, socket, file) if arguments.standby else _reload(arguments, managers, file)
+    )
+
+
+def _managers(arguments: argparse.Namespace) -> Managers:
+    """Find the managers of the spec that is named, or of the only one that is flown from here."""
+    named = arguments.socket or (None if arguments.of is None else find_socket(arguments.of))
+    here = {active_of(path) for path in running_sockets()} if named is None else {active_of(named)}
+    first = here.pop() if len(here) == 1 else find_socket(None)
+    roles: dict[bool, Path] = {}
+    for path in (first, standby_of(first)):
+        if path == named or is_listened_on(path):
+            roles[_status(path)["manager"]["state"] == Mastership.STANDBY.value] = path
+    return Managers(roles.get(False), roles.get(True))
+
+
+def _before(socket: Path) -> Path:
     before = _status(socket)["files"].get("before")
     if before is None:
         raise UserError("this manager has flown by no other spec: there is no way back")
-    return say_answer(arguments, _reload(arguments, socket, Path(before)))
+    return Path(before)
 
 
-def _watch(arguments: argparse.Namespace, socket: Path, file: Path) -> int:
+def _watch(arguments: argparse.Namespace, managers: Managers, file: Path) -> int:
     """Reload at each save of a file, until the user ends this; a save that cannot fly is told, and changes nothing."""
     seen = None
     _tell(arguments, f"watching {file}: each save that passes the check flies; end this with Ctrl-C")
@@ -61,7 +95,7 @@ def _watch(arguments: argparse.Namespace, socket: Path, file: Path) -> int:
             if saved is not None and saved != seen:
                 seen = saved
                 try:
-                    say_answer(arguments, _reload(arguments, socket, file))
+                    say_answer(arguments, _reload(arguments, managers, file))
                 except HeronryError as error:
                     print(f"heronry: {error}", file=sys.stderr)
             time.sleep(_SAVED_S)
@@ -77,9 +111,25 @@ def _saved_ns(file: Path) -> int | None:
         return None
 
 
-def _reload(arguments: argparse.Namespace, socket: Path, file: Path) -> Answer:
+def _stage(arguments: argparse.Namespace, standby: Path, file: Path) -> Answer:
+    """Give a file to the standby manager; if that spec flies already, wait until the manager follows."""
+    status = _status(standby)
+    digest, report, errors = _compared(status["files"]["flies"], str(file))
+    if digest == status["spec_digest"]:
+        return Answer(done=True, sentence=f"the standby manager has this spec already ({file})")
+    _tell(arguments, report.rstrip())
+    if errors:
+        return Answer(done=False, sentence=f"{file} does not pass 'heronry check', so it is given to nobody")
+    answer = call(standby, Reload(str(file.resolve()), digest, for_standby=True))
+    if not answer.done or status["reload"]["flies"] != f"{spec_mark(digest):04x}":
+        return answer
+    return Answer(done=True, sentence=f"{answer.sentence}{_followed(standby, digest)}")
+
+
+def _reload(arguments: argparse.Namespace, managers: Managers, file: Path) -> Answer:
     """Show what changes, ask where the user is to be asked, and wait for the end of the change."""
-    status = _status(socket)
+    assert managers.active is not None
+    status = _status(managers.active)
     digest, report, errors = _compared(status["files"]["flies"], str(file))
     if digest == status["spec_digest"]:
         return Answer(done=True, sentence=f"the aircraft flies by this spec already ({file})")
@@ -89,9 +139,36 @@ def _reload(arguments: argparse.Namespace, socket: Path, file: Path) -> Answer:
     asks = not (arguments.yes or arguments.back or arguments.watch or arguments.json)
     if asks and not _is_wanted():
         return Answer(done=False, sentence="nothing has changed")
+    order = Reload(str(file.resolve()), digest)
+    refused = None if managers.standby is None else _given(managers.standby, order)
+    if refused is not None and not arguments.without_standby:
+        says = f"the standby manager does not take the spec: {refused}; mend that, or give --without-standby"
+        return Answer(done=False, sentence=says)
     began = time.monotonic()
-    answer = call(socket, Reload(str(file.resolve()), digest))
-    return _waited(arguments, socket, digest, began) if answer.done else answer
+    answer = call(managers.active, order)
+    if answer.done:
+        answer = _waited(arguments, managers.active, digest, began)
+    if answer.done and managers.standby is not None and refused is None:
+        return Answer(done=True, sentence=f"{answer.sentence}{_followed(managers.standby, digest)}")
+    return answer
+
+
+def _given(standby: Path, order: Reload) -> str | None:
+    """Give the spec of an order to the standby manager; returns why it does not take it, None: it has the spec."""
+    if _status(standby)["spec_digest"] == order.digest:
+        return None
+    answer = call(standby, Reload(order.file, order.digest, for_standby=True))
+    return None if answer.done else answer.sentence
+
+
+def _followed(standby: Path, digest: str) -> str:
+    """Wait until the standby manager has followed; returns what to say of it."""
+    until = time.monotonic() + _FOLLOWS_S
+    while time.monotonic() < until:
+        if _status(standby)["spec_digest"] == digest:
+            return ", and the standby manager has followed"
+        time.sleep(_LOOK_S)
+    return "; the standby manager has not followed yet: see its 'heronry status'"
 
 
 def _is_wanted() -> bool:

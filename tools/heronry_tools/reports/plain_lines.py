@@ -175,6 +175,14 @@ _SENTENCES = dict(
         _says(events.JournalKept, lambda _: "the journal is written again", "good"),
         _says(events.StandingBy, lambda e: f"a standby manager follows manager {e.node}, term {e.term}", "quiet"),
         _says(
+            events.OtherSpecFlies,
+            lambda e: (
+                f"another spec flies (digest {e.digest}...) than that of a standby manager, which goes on with it once "
+                "it has been given it: heronry reload SPEC --standby"
+            ),
+            "bad",
+        ),
+        _says(
             events.Refused, lambda _: "most PEs do not hear the active manager: the manager begins a new term", "bad"
         ),
         _says(

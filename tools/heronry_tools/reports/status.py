@@ -9,6 +9,7 @@ from heronry_tools.reports.troubles import (
     element_troubles,
     mended,
     silence_troubles,
+    spec_troubles,
     stranger_notes,
     table_troubles,
     waiting_troubles,
@@ -51,7 +52,7 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     own = _standstills(status["manager"]["standstills"])
     if own:
         yield f"! the computer of this manager{own}"
-    found = (table_troubles, waiting_troubles, code_troubles, element_troubles, silence_troubles)
+    found = (spec_troubles, table_troubles, waiting_troubles, code_troubles, element_troubles, silence_troubles)
     for trouble in (one for troubles in found for one in troubles(status)):
         yield f"! {trouble.says}"
     for note in stranger_notes(status):

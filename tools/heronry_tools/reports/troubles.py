@@ -34,6 +34,7 @@ _FAULTS = {  # in words, by the name of the code
 def troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     """Yield every trouble that a status document tells; none if the system is fit."""
     yield from manager_troubles(status)
+    yield from spec_troubles(status)
     for name in status["pes"]:
         yield from standing_troubles(status, name)
     yield from waiting_troubles(status)
@@ -67,6 +68,15 @@ def manager_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
     if manager["journal"] is not None:
         says = f"the journal cannot be written: {manager['journal']}"
         yield Finding("journal", says, "df -h; mount   (make room on the disk, or make it writable again)")
+
+
+def spec_troubles(status: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield that a standby manager lacks the spec that flies."""
+    flies = status.get("reload", {}).get("flies")  # an older manager tells none
+    if flies is not None:
+        give = "heronry reload SPEC --standby"
+        says = f"another spec flies (digest {flies}...): this manager does not take over until it has it, by '{give}'"
+        yield Finding("spec", says, give)
 
 
 def standing_troubles(status: Mapping[str, Any], name: str) -> Iterator[Finding]:

@@ -100,8 +100,8 @@ def mastership(arguments: argparse.Namespace) -> int:
             told = _bus_event(spec.manager.bus, arguments)
             tell(told)
             journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
-            if journal is not None and journal.warning is not None:
-                _say(journal.warning)
+            if journal is not None:
+                reloads.resume(journal.file.with_suffix(".other"))
             memory, now_ns = NOTHING if journal is None else journal.memory, time.monotonic_ns()
 
             tables = PeTables(compiler, held).contents()
@@ -135,7 +135,10 @@ def mastership(arguments: argparse.Namespace) -> int:
 
 def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
     folder = arguments.state_dir or default_state_dir(spec.name)
-    return Journal(folder, _node(arguments), spec, accept_changed_spec=arguments.changed_spec)
+    journal = Journal(folder, _node(arguments), spec, accept_changed_spec=arguments.changed_spec)
+    if journal.warning is not None:
+        _say(journal.warning)
+    return journal
 
 
 def _node(arguments: argparse.Namespace) -> int:

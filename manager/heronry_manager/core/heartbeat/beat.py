@@ -50,7 +50,7 @@ class Beat:
         """Begin to send beats in a new term: the first one is due now."""
         settings = self._settings
         self._beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
-        self._announcer = Announcer(settings.spec, self._situation, self._script)
+        self._announcer = Announcer(settings.spec, self._turn, self._situation, self._script)
         self._has_to_leave_out = False  # the last ALIVE named a PE that is no longer available
 
     @property

@@ -59,10 +59,8 @@ class Succession(Hearer):
         self._learn(node, message)
 
     def _learn(self, node: int, message: ManagementMessage) -> None:
-        following, situation = self._following, self._situation
-        self._reactions.take(following.heard(node, message))
-        if following.is_beat(node, message):
-            self._reactions.take(situation.held_no_longer(node))
+        self._reactions.take(self._following.heard(node, message))
+        self._reactions.take(self._following.held_no_longer(node, message))
 
     def _give_way(self, node: int, lease: Lease) -> None:
         was_active = self._claim.is_active
@@ -76,6 +74,7 @@ class Succession(Hearer):
     def begin_term(self) -> None:
         """Begin a term: this manager is active from now on. If all terms have been used, no term begins."""
         if self._claim.begin_term():
+            self._following.flies_own()
             self._deployment.begin(self._turn.term)
             self._exclusion.begun(self._turn.now_ns, self._health.available())
             self._beat.begin()

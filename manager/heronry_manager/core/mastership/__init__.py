@@ -8,7 +8,7 @@
 
 `following` decides when a manager that stands by may take over: *following* while LEASEs come, *orphaned* when most PEs
 hear none either, *behind* when a PE refuses the followed manager. `overheard` puts together the configuration that the
-other manager has activated.
+other manager has activated, and `flown_spec` keeps which spec flies.
 
 *Who may change it.* Only `claim` moves the state, by rows of its table. `intake.succession` asks it, and carries out
 what follows for the rest of the core. LEASEs of other managers and reports of PEs are the only evidence; that this

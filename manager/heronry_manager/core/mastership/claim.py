@@ -26,7 +26,8 @@ A manager gives way in these cases. With `standby` it then stands by; without `s
       two, the first that hears the other gives way
 
 Manager 127 also stands by for a while if it hears no manager at its start, so that manager 126 goes first
-(`following`). A manager that only advises the operator (`advice`) sends no frames, so it need not give way.
+(`following`). So does one that remembers that another spec flies than its own (`flown_spec`). A manager that only
+advises the operator (`advice`) sends no frames, so it need not give way.
 
 This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
 `MASTERSHIP_TRANSITIONS`. An active manager repeats its LEASE in each period, so a lost LEASE does no harm. A late or
@@ -44,6 +45,7 @@ from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.transitions import TransitionTable
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import Stop
+from heronry_wire.element_places import spec_mark
 from heronry_wire.management import Lease
 from heronry_wire.sansio import require
 
@@ -132,7 +134,9 @@ class Claim:
         self.state = Mastership.LISTENING
         self._last_event: MastershipEvent | None = None
         self.listens_until_ns: int | None = turn.now_ns + self._lease_ns  # None: until a PE is heard, and longer
-        self._goes_first = settings.goes_first
+        own = spec_mark(settings.spec.digest)
+        lacks_spec = settings.standby and turn.memory.flies not in (None, own)  # it has followed another one
+        self._goes_first = settings.goes_first and not lacks_spec
         self._contradicted: tuple[int, int, int] | None = None  # by which manager and term, and when first
         self._soon_ns = settings.bus.heartbeat_ns // 2
         self._refused_since_ns: int | None = None  # since when most PEs report that they hear no LEASE

@@ -6,6 +6,7 @@
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
                 manager report that they hear no LEASE either: the active manager is gone, and this manager takes over.
                 If only a wire of this manager is broken, the PEs still hear a LEASE, and there is no take-over
+                If another spec flies than that of this manager (`flown_spec`), it does not take over
     behind      another manager sends LEASEs with a lower term than a term that was already used, and some PE
                 reports that it hears no LEASE: that PE has heard the higher term, and would always refuse these LEASEs.
                 For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it takes
@@ -47,11 +48,12 @@ restart: they prove their states once they have heard the new term.
 """
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
+from heronry_manager.core.mastership.flown_spec import FlownSpec
 from heronry_manager.core.mastership.overheard import Overheard
 from heronry_manager.core.membership import Exclusion
 from heronry_manager.core.memory import Runs, TermBegun
@@ -99,12 +101,15 @@ class Following:
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._patience_ns = patience_ns
         self._new_overheard = partial(Overheard, spec, turn, compiler, on_board)
+        self._flown = FlownSpec(turn, spec.digest)
         self.forget()
 
     def forget(self) -> None:
         """Forget every other manager, and what PEs have said of them; wait anew for a LEASE."""
         now_ns = self._turn.now_ns
         self._overheard = self._new_overheard()
+        self._flown.forget()
+        self._shown: dict[str, tuple[int, int]] = {}  # epoch and digest that each PE shows to run
         self._available: frozenset[str] = frozenset()
         self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
         self._unproven: dict[str, tuple[int, bool]] = {}  # the same of PEs that were heard, and not believed
@@ -122,7 +127,7 @@ class Following:
 
         A LEASE counts from any manager, unless its term is lower than that of a LEASE taken within T_lease.
         Every other command counts only if the followed manager sends it. An ALIVE or a CONTROL must also have
-        the term of the last LEASE that was taken.
+        the term of the last LEASE that was taken. While another spec flies, CONTROL announces nothing else.
         """
         if isinstance(message, Lease):
             self._lease(node, message)
@@ -135,18 +140,51 @@ class Following:
                 self._beats_since_script += 1
             case Control(term, _, Operation.HOLDS, ElementKind.SCRIPT) if term == self.term:
                 self._beats_since_script = 0
+            case Control(term, _, Operation.HOLDS, ElementKind.SPEC, mark) if term == self.term:
+                self._flown.told(term, mark)
             case Control(term) if term == self.term:
-                return self._situation.overheard(node, message)
+                return self._situation.overheard(node, message) if self._flown.facts_count(term) else ()
             case _:
                 self._overheard.take(message)
         return ()
 
-    def is_beat(self, node: int, message: ManagementMessage) -> bool:
-        """Tell whether a message is an ALIVE of the followed manager in its term.
+    def held_no_longer(self, node: int, message: ManagementMessage) -> Changes:
+        """Drop what the followed manager has ceased to announce, if the message is its ALIVE, which ends a beat.
 
-        That manager sends ALIVE after LEASE, so a beat of the manager is then complete.
+        Gives the changes of the situation that follow. No effect on the situation while another spec flies.
         """
-        return node == self.node and isinstance(message, Alive) and message.term == self.term
+        if node != self.node or not isinstance(message, Alive) or message.term != self.term:
+            return ()
+        self._flown.beat(self.term, self._facts())
+        if not self._flown.facts_count(self.term):
+            return ()
+        return self._situation.held_no_longer(node, tells_spec=self._flown.is_announced)
+
+    @property
+    def other_spec(self) -> int | None:
+        """The mark of the spec that flies, as far as it is heard, if that is another one than this manager's.
+
+        None also if most PEs show that they run what this manager has overheard: its digest names this manager's spec.
+        """
+        other, runs = self._flown.other, self.runs
+        if other is None or runs is None:
+            return other
+        shown = [self._shown[pe] for pe in self._recently(self._said).keys() & self._shown.keys()]
+        return None if 2 * shown.count((runs.epoch, runs.digest)) > len(shown) else other
+
+    def flies_own(self) -> None:
+        """Note that this manager becomes active, with its own spec."""
+        self._flown.is_own()
+
+    @property
+    def preparation(self) -> list[ManagementMessage]:
+        """The frames with which the followed manager has prepared its last epoch, for a core of that epoch's spec."""
+        return self._overheard.preparation
+
+    def catch_up(self, preparation: Iterable[ManagementMessage]) -> None:
+        """Take in how an epoch was prepared, which the core of another spec has heard."""
+        for message in preparation:
+            self._overheard.take(message)
 
     def _lease(self, node: int, lease: Lease) -> None:
         now_ns = self._turn.now_ns
@@ -174,8 +212,10 @@ class Following:
 
     def holds_script(self) -> bool:
         """Tell whether the active manager holds a script of the operator, as far as this manager has heard."""
-        facts = _OTHER_FACTS + self._situation.fact_count()
-        return self._beats_since_script <= _TURNS * ANNOUNCED_EVERY * facts
+        return self._beats_since_script <= _TURNS * ANNOUNCED_EVERY * self._facts()
+
+    def _facts(self) -> int:
+        return _OTHER_FACTS + self._flown.is_announced + self._situation.fact_count()
 
     def planned(self, plan: Plan) -> None:
         """Keep a plan that this manager has made: if the active manager deploys it, its slices need not be heard."""
@@ -203,6 +243,9 @@ class Following:
         """
         said = self._said if is_proven else self._unproven
         said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
+        self._shown.pop(pe, None)
+        if page.state is not PeState.UNCONFIGURED:
+            self._shown[pe] = page.epoch, page.digest
         if self.node is None and page.state is not PeState.UNCONFIGURED:
             self._orphaned_ns = min(self._orphaned_ns, self._in_flight_ns)
 
@@ -215,8 +258,12 @@ class Following:
           T_lease), and more than half of the PEs report that they hear no LEASE either.
         - The term of the followed manager has been too low for `LEARNS_LEASES` times T_lease, and some PE reports that
           it hears no LEASE.
+
+        It is so in no case while another spec flies.
         """
         now_ns = self._turn.now_ns
+        if self.other_spec is not None:
+            return False
         if self._behind_ns is not None and now_ns - self._behind_ns >= LEARNS_LEASES * self._lease_ns:
             return False in self._heard().values()
         if now_ns < self._orphaned_ns:

@@ -82,6 +82,17 @@ class Overheard:
             case _:
                 pass
 
+    @property
+    def preparation(self) -> list[ManagementMessage]:
+        """The PREPARE that was heard last, and the slices that have come for it."""
+        if self._prepared is None:
+            return []
+        low = self._prepared.epoch & 0xFF
+        bodies = (
+            SliceBody(node, low, index, body) for node, parts in self._bodies.items() for index, body in parts.items()
+        )
+        return [self._prepared, *self._heads.values(), *bodies]
+
     def _collect(self, node: int) -> None:
         head, frames = self._heads.get(node), self._bodies.get(node, {})
         if head is None or head.digest in self._known:
@@ -89,7 +100,8 @@ class Overheard:
         count = -(-head.length // SLICE_BYTES_PER_FRAME)
         if all(index in frames for index in range(1, count + 1)):
             body = b"".join(frames[index] for index in range(1, count + 1))[: head.length]
-            if slice_digest(self._compiler.identities[node], body) == head.digest:
+            identity = self._compiler.identities.get(node)  # None: a node of another spec, or of nobody
+            if identity is not None and slice_digest(identity, body) == head.digest:
                 self._keep(head.digest, body)
 
     def _keep(self, digest: int, body: bytes) -> None:

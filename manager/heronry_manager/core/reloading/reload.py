@@ -4,7 +4,12 @@
     bringing    the table of the other spec goes to one PE after the other, beside the table that flies (`served_pe`)
     planning    every PE has it; the driver is asked for the first configuration of the other spec (RequestSwitch)
     switching   the epoch of that configuration is on its way (`epochs.spec_switch`)
-    done        all PEs fly by the other spec: the driver is told (SpecSwitched), and ends this core
+    done        all PEs fly by the other spec: the driver is told (SpecSwitched), and ends this core. A standby manager
+                is told, too (HOLDS of kind SPEC): with a key, the next core is not believed at once
+
+A standby manager is given the other spec beforehand: the spec is *at hand*. When that spec flies (`flown_spec`), the
+driver is told (SpecFollowed), and begins a core of it, which stands by. A standby manager that lacks the spec that
+flies does not take over, and the status says so; it follows as soon as it is given the spec.
 
 A PE takes a moment to read a table. One that refuses the slice since its table is not there yet is asked again after
 AGAIN_NS, up to MOST_TRIES times. While bringing, a PE that is lost ends the change, and so does whatever makes the
@@ -19,20 +24,24 @@ from typing import Any
 
 from heronry_manager.core.epochs import SpecSwitch
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership import Claim
+from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.provisioning import PART_BYTES, ServedPe
 from heronry_manager.core.sdo_client import Outcome
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.tables import CompiledConfiguration
 from heronry_manager.core.turn import Turn
-from heronry_manager.core.vocabulary import ReloadSpec, RequestSwitch, SpecSwitched, SwitchReady
+from heronry_manager.core.vocabulary import ReloadSpec, RequestSwitch, SpecFollowed, SpecSwitched, SwitchReady
 from heronry_wire.canopen_objects import CHALLENGE, TABLE_TRANSFER
+from heronry_wire.element_places import spec_mark
 from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command
+from heronry_wire.management import Control, ElementKind, Operation
 from heronry_wire.sansio import NEVER_NS
 
 AGAIN_NS = 500_000_000
 MOST_TRIES = 20
 _CERTAINLY_STOPPED_NS = 2_000_000_000
+_ALL_NODES = 0
 
 
 class Reloading:
@@ -42,7 +51,7 @@ class Reloading:
         """Begin idle."""
         self._turn, self._claim, self._spec, self._key = turn, claim, settings.spec, settings.key
         self._health, self._deployment, self._situation = known.health, known.deployment, known.situation
-        self._script = known.script
+        self._script, self._following = known.script, known.following
         self._client = ServedPe(
             settings,
             turn,
@@ -60,6 +69,11 @@ class Reloading:
         self._tries = 0
         self._again_ns = NEVER_NS
         self.given_up: str | None = None
+        self._at_hand: str | None = None  # digest of the spec that the driver has ready, for a standby manager
+
+    def at_hand(self, digest: str) -> None:
+        """Note that the driver has another spec ready, so that a standby manager can follow when it flies."""
+        self._at_hand = digest
 
     def order(self, order: ReloadSpec) -> str | None:
         """Begin a change; returns why it is refused, None: it is on its way."""
@@ -78,13 +92,17 @@ class Reloading:
         return self._order is not None
 
     def status(self) -> dict[str, Any]:
-        """Return what the status shows: the spec to which the change leads, how far it is, why it was given up."""
-        order = self._order
+        """Return what the status shows (`manager_status`)."""
+        order, other = self._order, self._other_spec()
+        shown = {"at_hand": self._at_hand, "flies": None if other is None else f"{other:04x}"}
         if order is None:
-            return {"to": None, "state": None, "given_up": self.given_up}
+            return {"to": None, "state": None, "given_up": self.given_up, **shown}
         brought = len(self._has)
         state = f"{brought} of {brought + len(self._lacks)} PEs have the table" if self._lacks else "the PEs change"
-        return {"to": order.digest, "state": state, "given_up": None}
+        return {"to": order.digest, "state": state, "given_up": None, **shown}
+
+    def _other_spec(self) -> int | None:
+        return self._following.other_spec if self._claim.state is Mastership.STANDBY else None
 
     def hears(self, identifier: int) -> bool:
         """Tell whether frames with this identifier are used here."""
@@ -115,13 +133,20 @@ class Reloading:
 
     def end_of_step(self) -> None:
         """Draw the consequences of what has happened; to be called after each event."""
+        if self._at_hand is not None and self._other_spec() == spec_mark(self._at_hand):
+            self._at_hand = None
+            self._turn.do(SpecFollowed(tuple(self._following.preparation)))
         if self._order is None:
             return
         switch = self._switch
         if not self._claim.is_active:
             self._give_up("the mastership of this manager has ended")
         elif switch is not None and switch.is_done:
+            flies = Control(
+                self._turn.term, _ALL_NODES, Operation.HOLDS, ElementKind.SPEC, spec_mark(self._order.digest)
+            )
             self._order = None
+            self._turn.send(Command.CONTROL, flies)
             self._turn.do(SpecSwitched(switch.epoch.epoch, switch.epoch.compiled.digest))
         elif switch is not None and switch.refusal is not None:
             self._refused(switch)

@@ -42,6 +42,9 @@ and changes none.
     transfers       of what is on its way in `code` and `tables`: list of pe, bytes (that it has), of (how many)
     unknown_nodes   nodes with a node-ID of a PE that the spec does not have: list of node, says (what it does), for_ns
                     (since it was heard), offer (`heronry_wire.node_offer`; null: none has come)
+    reload          to (digest of the spec to which a change leads), state, given_up (why the last change was), at_hand
+                    (digest of the spec that a standby manager has ready), flies (the first four digits of the digest of
+                    the spec that flies, if this standby manager lacks it); each null if there is none
     unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
 
 The driver adds:

@@ -375,18 +375,21 @@ class KnownSituation:
         self._told_phase, phase = index, list(self._spec.phases)[index]
         return () if phase == self.phase else self.enter(phase, f"manager {manager}")
 
-    def held_no_longer(self, manager: int) -> Changes:
+    def held_no_longer(self, manager: int, *, tells_spec: bool) -> Changes:
         """Count a heartbeat of the active manager, and drop what the active manager has ceased to announce.
 
         This concerns latched faults and changed priorities. A manager that only advises keeps the faults that its
         operator has supposed, and all changed priorities.
 
-        manager: node-ID of the active manager. Returns the changes of the situation that follow.
+        manager: node-ID of the active manager.
+        tells_spec: it announces which spec flies, too.
+
+        Returns the changes of the situation that follow.
         """
         supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
         elements = self.failed.elements - supposed
         self._untold = Counter({element: self._untold[element] + 1 for element in elements})
-        facts = 1 + len(elements) + len(self.priorities.facts())  # the phase has its turn, too
+        facts = 1 + tells_spec + len(elements) + len(self.priorities.facts())  # the phase has its turn, too
         longest = _TURNS * ANNOUNCED_EVERY * facts
         changes: list[SituationChange] = []
         for element in sorted(elements):

@@ -195,8 +195,8 @@ class JournalCheck(Oracle):
                     return [f"sends phase {self._phases[index]}, but its journal has {memory.phase}"]
             case Control(_, _, Operation.HOLDS | Operation.CLEAR, told, _) if told & 0xFF == ElementKind.PRIORITY:
                 return self._priority(memory, message)
-            case Control(_, _, Operation.HOLDS, ElementKind.SCRIPT, _):
-                pass  # a script ends with its mastership: no journal has it
+            case Control(_, _, Operation.HOLDS, ElementKind.SCRIPT | ElementKind.SPEC, _):
+                pass  # a script ends with its mastership, and a journal is of one spec: no journal has it
             case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, a, index):
                 element = self._places.told(a, index)
                 if (element in memory.latched) is not (operation is Operation.HOLDS):
