@@ -44,24 +44,11 @@ def test_a_standby_follows_a_reload_and_takes_over_with_the_new_spec(
         nodes.agent(pe, "--simulated", "--node", str(node), "--table", str(tmp_path / f"{pe}.table"))
     manager = nodes.manager(str(file), "--standby", "--node", "126")
     process = nodes.running[-1]
-    words = [
-        "heronry_tools.cli",
-        "manager",
-        str(file),
-        "--json",
-        "--contingencies",
-        "none",
-        "--state-dir",
-        str(tmp_path),
-    ]
-    manager = nodes.start(*words, "--standby", "--node", "126", "--socket", str(socket))
-    assert manager.stdout is not None
     waiting = set(NODES)
     while waiting:
-        waiting.discard(next_event(manager.stdout, PeJoined).pe)
-    next_event(manager.stdout, Reconfigured)
-    standby = nodes.start(*words, "--standby", "--socket", str(other))
-    assert standby.stdout is not None
+        waiting.discard(next_event(manager, PeJoined).pe)
+    next_event(manager, Reconfigured)
+    standby = nodes.manager(str(file), "--standby", "--socket", str(other))
     next_event(standby, StandingBy, node=126)
 
     def flies_by(place: Path) -> str:
