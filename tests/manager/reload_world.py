@@ -278,10 +278,9 @@ class World:
         self._begin(self.other.spec, self.memory)
         nodes = {state_id(pe.node_id) for pe in self.spec.pes.values()}
         since_ns = self.now_ns - 2 * self.manager.heartbeat_ns
-        if not self.manager.has_key:
-            self.manager.succeed(
-                frame for can_id, (at_ns, frame) in self._states.items() if can_id in nodes and at_ns >= since_ns
-            )
+        self.manager.succeed(
+            frame for can_id, (at_ns, frame) in self._states.items() if can_id in nodes and at_ns >= since_ns
+        )
         self._manager(Tick())
 
     def _standby(self, event: object) -> None:

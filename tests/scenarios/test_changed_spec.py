@@ -68,7 +68,7 @@ def restart_with(simulation: Simulation, spec: Spec) -> None:
     for record in managers.disks[FIRST_MANAGER].opened().numbers().records():
         disk.write(record, simulation.now_ns)
     managers.disks[FIRST_MANAGER] = disk
-    managers._spec, managers._prepared = spec, prepared(spec, None)
+    managers._first = spec, prepared(spec, None)
     simulation.run_for(200 * MS)
     managers.start(FIRST_MANAGER)
 

@@ -8,6 +8,7 @@ from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.sim.flight.exhaustive import Setup, fly_case, read_case
 from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.oracles.flown_spec import FlownSpec
 from heronry_tools.sim.oracles.tables import QUIET_NS, TableCheck
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import prepared
@@ -26,7 +27,7 @@ WRITES_PART = Frame(sdo_request_id(PE.node_id), bytes.fromhex("c626200128040000"
 
 @pytest.fixture
 def check() -> TableCheck:
-    return TableCheck(SPEC, TABLES)
+    return TableCheck(SPEC, (FlownSpec(SPEC, TABLES),))
 
 
 def send(check: TableCheck, t_ns: int, frame: Frame) -> None:

@@ -203,11 +203,6 @@ class ManagerCore:
         return self._deployment.plan
 
     @property
-    def has_key(self) -> bool:
-        """Tell whether commands are tagged."""
-        return self._settings.key is not None
-
-    @property
     def memory(self) -> Memory:
         """What the journal keeps of this manager."""
         return self._turn.memory
@@ -215,12 +210,13 @@ class ManagerCore:
     def succeed(self, states: Iterable[Frame]) -> None:
         """Begin at once, without listening, as the core of the next spec in the process of the manager that was active.
 
-        states: the last page 0 of each PE, as it came. To be called before the first `step`, without a key: with a key
-        a core must first be believed by the PEs, as after a restart.
+        states: the last page 0 of each PE, as it came. To be called before the first `step`. With a key the PEs must
+        first believe this core, as after a restart, so what they have said proves nothing yet.
         """
-        for frame in states:
-            self._inbound.take(frame)
-        self._claim.listens_until_ns = self._turn.now_ns
+        if self._settings.key is None:
+            for frame in states:
+                self._inbound.take(frame)
+        self._claim.succeeds()
 
     def catch_up(self, preparation: Iterable[ManagementMessage]) -> None:
         """Begin as the core of the spec that flies in the process of a standby manager (`SpecFollowed`)."""

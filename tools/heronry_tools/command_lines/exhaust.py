@@ -25,6 +25,7 @@ examples:
   heronry exhaust my.dg.yaml --case 'crash pe:nav: 17 lost pe:tail, 20 crash manager'
   heronry exhaust my.dg.yaml --standby --keyed --foreseen 1 --sample 500      two managers, a key, plans on board
   heronry exhaust my.dg.yaml --tables --standby --sample 200                  tables over the bus, and retirement
+  heronry exhaust my.dg.yaml --reload new.dg.yaml --sample 200                the change to another spec in flight
 """
 
 
@@ -56,6 +57,11 @@ def add_parsers(subparsers: Any) -> None:
         "--tables",
         action="store_true",
         help="other stories: a node without a table takes the place of each PE, and each PE is retired and restored",
+    )
+    parser.add_argument(
+        "--reload",
+        metavar="FILE",
+        help="another story: the operator orders the change to the spec in this file",
     )
     parser.add_argument(
         "--foreseen",

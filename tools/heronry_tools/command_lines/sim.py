@@ -43,6 +43,7 @@ examples:
   heronry sim big_blue --standby --act '1 manager_power primary for 0.5' --act '2 manager_pause standby for 0.3'
   heronry sim my.dg.yaml --runs 50 --loss 0.01      one frame in a hundred is destroyed, one in a thousand missed
   heronry sim big_blue --keyed --kind attack        with a key, and an attacker on the bus without it
+  heronry sim my.dg.yaml --reload new.dg.yaml --runs 50 --seconds 20     changes to another spec in flight
 """
 
 
@@ -99,6 +100,11 @@ def add_parsers(subparsers: Any) -> None:
         action="store_true",
         help="if a flight fails, look for a smaller set of its faults with which it still fails; write that set to"
         " SPEC-seed-N.scenario",
+    )
+    parser.add_argument(
+        "--reload",
+        metavar="FILE",
+        help="in each flight the operator orders the change to the spec in this file, at a time that the seed draws",
     )
     add_compiled_argument(parser)
     add_output(parser, "write one JSON object per flight, and one for all flights")

@@ -21,7 +21,7 @@ from heronry_tools.console.spec_files import load_spec_file, spec_path
 from heronry_tools.sim.compiled.machine_code import go_on_compiled
 from heronry_tools.sim.flight.campaign import fly_all
 from heronry_tools.sim.flight.exhaustive import Case, Setup, drawn_pairs, fly_case, read_case, single_cases, stories
-from heronry_tools.sim.flight.flyable import check_images
+from heronry_tools.sim.flight.flyable import check_images, reload_file
 from heronry_tools.sim.oracles.violation import Violation
 
 
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _counts(spec: Spec, arguments: argparse.Namespace) -> dict[str, int]:
     """Return for each story how many single faults can be injected into it."""
-    setup = _setup(arguments)
+    setup = _setup(spec, arguments)
     return {story: len(single_cases(spec, story, setup)) for story in stories(spec, setup)}
 
 
@@ -66,12 +66,13 @@ def _counted(counts: dict[str, int]) -> str:
     return "\n".join([*(f"{count:7} {story}" for story, count in counts.items()), f"{sum(counts.values()):7} flights"])
 
 
-def _setup(arguments: argparse.Namespace) -> Setup:
-    return Setup(arguments.foreseen, arguments.keyed, arguments.standby, arguments.tables)
+def _setup(spec: Spec, arguments: argparse.Namespace) -> Setup:
+    reload = reload_file(spec, arguments.reload)
+    return Setup(arguments.foreseen, arguments.keyed, arguments.standby, arguments.tables, reload)
 
 
 def _cases(spec: Spec, arguments: argparse.Namespace) -> list[Case]:
-    setup = _setup(arguments)
+    setup = _setup(spec, arguments)
     if arguments.case:
         return [read_case(spec, text, setup) for text in arguments.case]
     if arguments.sample == arguments.pairs == 0:
@@ -119,4 +120,5 @@ def _replay(arguments: argparse.Namespace, case: Case) -> str:
     words = ["heronry", "exhaust", shlex.quote(arguments.spec)]
     words += [f"--{name}" for name in ("standby", "keyed", "tables") if getattr(arguments, name)]
     words += [] if arguments.foreseen is None else ["--foreseen", str(arguments.foreseen)]
+    words += [] if arguments.reload is None else ["--reload", shlex.quote(arguments.reload)]
     return " ".join([*words, "--case", shlex.quote(str(case))])

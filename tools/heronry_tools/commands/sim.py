@@ -24,7 +24,7 @@ from heronry_tools.sim.compiled.machine_code import go_on_compiled
 from heronry_tools.sim.faults.drawing import drawn_faults
 from heronry_tools.sim.faults.fault import KINDS, MANAGER, Fault, is_one_of_two, over_s, possible_targets, read_fault
 from heronry_tools.sim.flight.campaign import Coverage, fly_all
-from heronry_tools.sim.flight.flyable import check_images
+from heronry_tools.sim.flight.flyable import check_images, reload_file
 from heronry_tools.sim.flight.outcome import Outcome, Scenario, play
 from heronry_tools.sim.flight.shrink import shrunk
 from heronry_tools.sim.oracles.violation import MISSED
@@ -40,6 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     spec = load_spec_file(arguments.spec)
     check_images(spec)
+    if arguments.shrink and arguments.reload is not None:
+        raise UserError("--shrink: a scenario file orders a reload only once; leave --shrink out, or --reload")
     scenarios = list(_scenarios(spec, arguments))
     coverage, failed = Coverage(spec, of_two=arguments.standby), 0
     show_line(f"flying {spec.name}: {len(scenarios)} flights" if len(scenarios) > 1 else f"flying {spec.name}")
@@ -84,7 +86,7 @@ def _scenarios(spec: Spec, arguments: argparse.Namespace) -> Iterator[Scenario]:
         }
         what = words.get(target, target.replace("_", " "))
         raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} for a fault of this kind; name another kind")
-    given = _given_faults(spec, arguments)
+    given, reload = _given_faults(spec, arguments), reload_file(spec, arguments.reload)
     needed_s = over_s(given)
     faults_s = max(_DEFAULT_S, needed_s + 1 if given else 0) if arguments.seconds is None else arguments.seconds
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
@@ -100,6 +102,7 @@ def _scenarios(spec: Spec, arguments: argparse.Namespace) -> Iterator[Scenario]:
             keyed=keyed,
             standby=arguments.standby,
             foreseen=foreseen,
+            reload=reload,
         )
 
 
@@ -195,6 +198,7 @@ def _lines(arguments: argparse.Namespace, outcome: Outcome) -> list[str]:
     scenario = outcome.scenario
     faults = ", ".join(map(str, scenario.faults))
     end = f"{outcome.virtual_ns / 1e9:.1f} s, {outcome.frames} frames, digest {outcome.digest}"
+    end += f", {outcome.reloaded}" if outcome.reloaded else ""
     lines = [f"seed {scenario.seed}: {faults or 'no fault'} ({end})"]
     for told in outcome.reconfigurations if arguments.runs == 1 else ():
         times = "  ".join(f"{name} {ns / 1e6:6.1f}" for name, ns in told.times_ns.by_name().items() if ns is not None)
@@ -217,6 +221,7 @@ def _document(arguments: argparse.Namespace, outcome: Outcome) -> dict[str, Any]
             {"t_ns": told.t_ns, "epoch": told.epoch, "causes": told.causes, "times_ns": told.times_ns.by_name()}
             for told in outcome.reconfigurations
         ],
+        **({"reloaded": outcome.reloaded} if outcome.reloaded else {}),
         "violations": [{"t_ns": v.t_ns, "rule": v.rule, "story": v.story} for v in outcome.violations],
         "replay": _replay(arguments, outcome.scenario),
     }
@@ -231,4 +236,5 @@ def _replay(arguments: argparse.Namespace, scenario: Scenario) -> str:
     words += ["--keyed"] if scenario.keyed else []
     words += ["--standby"] if scenario.standby else []
     words += [] if scenario.foreseen is None else ["--foreseen", str(scenario.foreseen)]
+    words += [] if arguments.reload is None else ["--reload", arguments.reload]
     return shlex.join(words + (["--loss", written_share(scenario.loss)] if scenario.loss else []))

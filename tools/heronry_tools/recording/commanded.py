@@ -159,6 +159,20 @@ class Commanded:
             return None
         return self._put_together(epoch)
 
+    def fits(self, message: Activate | Lease) -> bool:
+        """Tell whether a command names an epoch whose slices were all sent, and are slices of this spec."""
+        named = (one for one in self._named(message.epoch) if one.digest == message.digest)
+        epoch = next((one for one in named if one.number == message.epoch), None)
+        if epoch is None:
+            return False
+        slices = {pe.node_id: b"" for pe in self._spec.pes.values()}
+        for node, head in epoch.heads.items():
+            body = self._bytes.get((node, head.length, head.digest))
+            if body is None:
+                return False
+            slices[node] = body
+        return configuration_digest(self._identities, slices) == epoch.digest
+
     def digests(self, page: StatePage1) -> list[int]:
         """Return the digests of all known epochs with the number that a page 1 names."""
         return [epoch.digest for epoch in self._named(page.staged_epoch)]

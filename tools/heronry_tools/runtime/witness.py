@@ -117,6 +117,12 @@ class Witness:
                 found.append(Outage(name, watched.last.t_ns, None))
         return sorted(found, key=lambda outage: outage.from_ns)
 
+    def go_on_from(self, before: "Witness") -> None:
+        """Go on from what a witness of another spec has heard last of the functions with the same names."""
+        for name, watched in self._watched.items():
+            if name in before._watched:  # noqa: SLF001 - of this class
+                watched.last = before.last_output(name)
+
     def forget(self) -> None:
         """Drop all recorded outages and all pairs in `rivals`, so that a witness can run for days without more memory.
 

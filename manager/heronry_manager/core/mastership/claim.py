@@ -175,6 +175,10 @@ class Claim:
         self.listens_until_ns = self._turn.now_ns + self._lease_ns
         return True
 
+    def succeeds(self) -> None:
+        """Listen no longer, and let no other manager go first: this manager was active until now, by another spec."""
+        self.listens_until_ns, self._goes_first = self._turn.now_ns, True
+
     def learns_for(self, leases: int) -> None:
         """Listen for `leases` times T_lease from now on, to learn what an active manager announces."""
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns

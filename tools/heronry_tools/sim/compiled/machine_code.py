@@ -80,7 +80,7 @@ _COMPILED = {
     "heronry_tools.runtime": "witness",
     "heronry_tools.sim.faults": "protocol_state",
     "heronry_tools.sim.oracles": "authenticity availability blame channels checkpoints checks code configurations "
-    "end_state epochs exclusion frames freshness journal known liveness load oracle orphans phase places "
+    "either_spec end_state epochs exclusion frames freshness journal known liveness load oracle orphans phase places "
     "planned_load priorities progress proven_commands proven_states publishing queues radio registry active_term "
     "safe_mode scripts service silence solitude stale tables terms transitions violation",
     "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host module_steps node pe_outbox "

@@ -1,7 +1,7 @@
 """The end of a flight: the same for drawn flights, scenario files and exhaustive cases.
 
-1. When the time for faults is over, every fault that can be ended is ended. The oracle `service` verifies silences of
-   critical functions up to this moment.
+1. When the time for faults is over, every fault that can be ended is ended, and a change to another spec that is not
+   under way is not ordered again. The oracle `service` verifies silences of critical functions up to this moment.
 2. The flight continues without a new fault. It ends when the aircraft has converged, or when the longest time for
    converging is over (`oracles.liveness`). All other rules that must hold in the whole flight are verified up to this
    end.
@@ -25,6 +25,8 @@ def end_flight(simulation: Simulation, injections: Injections, targets: Iterable
     targets = list(targets)
     start_ns = next((event.t_ns for event in simulation.events_of(Reconfigured)), simulation.now_ns)
     injections.heal()
+    if simulation.reloads is not None:
+        simulation.reloads.rest()
     silences = simulation.checks.silences(injections.injected, simulation.now_ns)
     violations = simulation.settle()
     stopped = simulation.checks.stopped(targets, range(start_ns, simulation.now_ns))
@@ -35,7 +37,8 @@ def _missed(simulation: Simulation, injections: Injections, targets: Collection[
     faults = list(injections.state_of)
     has_others = set(targets) != {fault.target for fault in faults}
     denied = simulation.checks.denials(faults, range(start_ns, simulation.now_ns), has_others=has_others)
-    return denied + simulation.checks.untold(faults, has_others=has_others)
+    missed = simulation.checks.missed_steps(faults)
+    return denied + missed + simulation.checks.untold(faults, has_others=has_others)
 
 
 def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:

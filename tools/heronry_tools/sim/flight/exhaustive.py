@@ -15,6 +15,9 @@ With `tables` the stories are others: a node without a table takes the place of 
 retired and restored by the operator. Then the frames of SDO and the heartbeats of CANopen are numbered, too, and there
 is one more frame fault, `cut`.
 
+With `reload` there is one story, `reload`: the operator orders the change to another spec. The frames that are numbered
+are those of `tables`, from the order until the next manager has adopted what runs.
+
 Each story is flown once without a further fault. In this flight the management frames (commands, states and EMCY) are
 numbered, beginning with 0. The first one comes after the story begins, the last one before the last reconfiguration of
 the story is complete. Then the story is flown again for every *frame fault*:
@@ -39,6 +42,7 @@ A *case* is a story with its frame faults. As text it is STORY: FAULT, FAULT. In
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from random import Random
 
 from heronry_dg.model import Spec
@@ -54,6 +58,7 @@ from heronry_tools.sim.oracles.service import Injected
 from heronry_tools.sim.oracles.violation import MISSED, Violation
 from heronry_tools.sim.world.bus import Sent, Tampering
 from heronry_tools.sim.world.module_steps import ASKS
+from heronry_tools.sim.world.next_spec import next_spec
 from heronry_tools.sim.world.node import Node
 from heronry_wire.identifiers import FIRST_MANAGER, Use, classify
 from heronry_wire.sansio import Received
@@ -63,6 +68,7 @@ KINDS = ("lost", "doubled", "late-2", "late-30", "crash", "death", "cut")
 
 _SEATS = ("primary", "standby")
 _TAKEOVER = "takeover"
+_RELOAD = "reload"
 _COUNTED = frozenset((Use.MANAGEMENT, Use.STATE, Use.EMCY))
 _OF_TABLES = frozenset((Use.SDO_REQUEST, Use.SDO_RESPONSE, Use.HEARTBEAT))
 _BROUGHT_NS = 4_000 * MS  # a table is brought, and its PE joins
@@ -91,22 +97,35 @@ class Setup:
     keyed: whether managers and PEs have a key
     standby: whether there are two managers
     tables: whether the managers bring tables; then the stories are those of tables and retirement
+    reload: file of the spec to which the aircraft changes; then this change is the only story
     """
 
     foreseen: int | None = None
     keyed: bool = False
     standby: bool = False
     tables: bool = False
+    reload: Path | None = None
 
     def take_off(self, spec: Spec) -> Simulation:
         """Return a new simulation of a spec in which every node is switched on."""
-        key = KEY if self.keyed else None
-        return Simulation(spec, contingencies=self.foreseen, key=key, standby=self.standby, brings_tables=self.tables)
+        return Simulation(
+            spec,
+            contingencies=self.foreseen,
+            key=KEY if self.keyed else None,
+            standby=self.standby,
+            brings_tables=self.tables,
+            following=None if self.reload is None else next_spec(self.reload),
+        )
 
     @property
     def counted(self) -> frozenset[Use]:
         """The uses of identifiers whose frames are numbered."""
-        return _COUNTED | _OF_TABLES if self.tables else _COUNTED
+        return _COUNTED | _OF_TABLES if self.brings_tables else _COUNTED
+
+    @property
+    def brings_tables(self) -> bool:
+        """Tell whether tables are brought in the stories."""
+        return self.tables or self.reload is not None
 
     def nodes(self, spec: Spec) -> list[str]:
         """Return the nodes into which a frame fault can be injected."""
@@ -147,6 +166,8 @@ class Case:
 def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
     """Return the text of every story: of every event that can make this aircraft reconfigure."""
     pes, modules = possible_targets(spec, "crash"), possible_targets(spec, "raise")
+    if setup.reload is not None:
+        return [_RELOAD]
     if setup.tables:
         return [f"{what} {pe}" for what in ("blank", "retire", "restore") for pe in pes]
     devices = [f"device:{device}" for device in spec.devices]
@@ -165,7 +186,7 @@ def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
 
 def single_cases(spec: Spec, story: str, setup: Setup = PLAIN) -> list[Case]:
     """Return a case for every frame fault in every frame of a story; none if the story causes no reconfiguration."""
-    faults = _frame_faults(setup.nodes(spec), _senders(spec, story, setup), has_cuts=setup.tables)
+    faults = _frame_faults(setup.nodes(spec), _senders(spec, story, setup), has_cuts=setup.brings_tables)
     return [Case(story, (fault,), setup) for fault in faults]
 
 
@@ -217,6 +238,8 @@ def _fly(simulation: Simulation) -> None:
 
     This takes `_QUIET_NS` at least, and about `_LONGEST_NS` at most.
     """
+    if simulation.reloads is not None:
+        simulation.reloads.fly_through()
     begun_ns = simulation.now_ns
     simulation.run_for(_QUIET_NS)
     while simulation.unsettled() and simulation.now_ns - begun_ns < _LONGEST_NS:
@@ -245,13 +268,15 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
     _tap(simulation, setup, seen.append)
     quiet_ns = _BROUGHT_NS if story.startswith("blank") else _QUIET_NS
     known = len(_done_ns(simulation))
-    done_ns = simulation.now_ns
+    if simulation.reloads is not None:
+        simulation.reloads.fly_through()
+    begun_ns = done_ns = simulation.now_ns
     while simulation.now_ns - done_ns < quiet_ns or (story == "start" and not known):
         simulation.run_for(10 * MS)
         done = _done_ns(simulation)
         if len(done) > known:
             known, done_ns = len(done), done[-1]
-        if simulation.now_ns > 2 * _STARTED_NS:
+        if simulation.now_ns > begun_ns + 2 * _STARTED_NS:
             break
     return [_victim(sent.sender, setup) for sent in seen if sent.end_ns <= done_ns]
 
@@ -280,7 +305,7 @@ def _faults(story: str) -> tuple[Fault, ...]:
     """
     what, _, target = story.partition(" ")
     match what:
-        case "start" | "request" | "retire" | "restore":
+        case "start" | "request" | "retire" | "restore" | "reload":
             return ()
         case "return":
             return (Fault(0, "crash", target, _AWAY_MS),)
@@ -315,6 +340,9 @@ def begin(simulation: Simulation, story: str) -> Injections:
         simulation.run_for(_AWAY_MS * MS - 1)
     elif what in ("retire", "restore"):
         _retire(simulation, target, is_over=what == "restore")
+    elif what == _RELOAD:
+        assert simulation.reloads is not None
+        simulation.reloads.order()
     elif what == "request":
         running = (module for pe in simulation.spec.pes for module in simulation.checks.planned(pe))
         simulation.fleet.broken_modules[next(running, "")] = f"{ASKS}{target}"

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from random import Random
+from typing import Any
 
 from heronry_agent.core.authority import Secret
 from heronry_agent.core.vocabulary import ModuleEvent
@@ -41,6 +42,7 @@ class Fleet:
         key: Key | None,
         absent: Collection[str],
         has_loaders: bool = False,
+        may_change: bool = False,
     ) -> None:
         """Create the PEs, without starting one.
 
@@ -48,11 +50,14 @@ class Fleet:
         key: the key of managers and PEs; None without authentication
         absent: PEs that only `arrive` starts
         has_loaders: whether PEs take code over the bus
+        may_change: whether the flight has a reload: PEs may get the tables of another spec
         """
         self.running: dict[str, SimulatedPe] = {}
         self.blanks: dict[str, SimulatedBlank] = {}  # nodes that wait for their table, by the name of their PE
         self.broken_modules: dict[str, str] = {}  # by module or NAME@PE: how it fails, or which phase it requests
         self.tables = tables
+        self._kept: dict[str, PeTable] = {}  # the table by which a PE flew last, if it was brought in flight
+        self._may_change = may_change
         self._clock, self._clocks = clock, clocks
         self._wiring, self._world = wiring, world
         self._checks, self._truth = checks, truth
@@ -80,6 +85,7 @@ class Fleet:
         dead = self.running.pop(pe, None)
         if dead is not None:
             dead.stop()
+            self._checks.pe_died(pe)
             self._truth.failed(f"pe:{pe}")
 
     def restore(self, pe: str) -> None:
@@ -97,6 +103,7 @@ class Fleet:
 
         def took(table: PeTable) -> None:
             del self.blanks[pe]
+            self._kept[pe] = table
             self._checks.took_table(self._clock.now_ns, pe, table)
             self._fly(pe)
 
@@ -134,7 +141,32 @@ class Fleet:
             lacks=frozenset(self._lacking[pe]),
             other_code=self._other_code[pe],
             loader=partial(self._loader, pe) if pe in self._code_disks else None,
+            **(self._of_change(pe) if self._may_change else {}),
         )
+
+    def _of_change(self, pe: str) -> dict[str, Any]:
+        """Return what a PE tells in a flight with a reload."""
+        checks, clock = self._checks, self._clock
+
+        def switched(table: PeTable) -> None:
+            self._kept[pe] = table
+            checks.flies(clock.now_ns, pe, table)
+
+        def took(table: PeTable) -> None:
+            checks.took_table(clock.now_ns, pe, table)
+            checks.pe_died(pe)
+            self._kept[pe] = table
+            self._stale.discard(pe)
+            self._incarnations[pe] += 1
+            self._fly(pe)
+
+        if pe not in self._stale:
+            checks.flies(clock.now_ns, pe, self._table(pe))
+        return {
+            "switched": switched,
+            "took": took,
+            "stepped": lambda module: checks.stepped(clock.now_ns, pe, module),
+        }
 
     def arrive(self, pe: str) -> None:
         """Start a PE, even if it has been absent so far; no effect on a PE that runs."""
@@ -216,7 +248,7 @@ class Fleet:
         self._truth.mended(f"pe:{pe}")
 
     def _table(self, pe: str) -> PeTable:
-        table = self.tables[pe]
+        table = self._kept.get(pe, self.tables[pe]).compiled_form
         return replace(table, spec_digest=_OTHER_DIGEST) if pe in self._stale else table
 
     def _secret(self, pe: str) -> Secret | None:

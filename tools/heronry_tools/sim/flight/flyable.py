@@ -1,7 +1,7 @@
 """Checks that a spec can be simulated: every module needs an image with code, and every device a world to be in.
 
 The plant of the simulator is a script (`aircraft/plant`). A driver of an aircraft with flight dynamics reads nonsense
-there, and its monitors report healthy devices.
+there, and its monitors report healthy devices. A spec may also have to be one to which another can change in flight.
 """
 
 import sys
@@ -11,6 +11,8 @@ from pathlib import Path
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.spec_files import load_spec_file, spec_path
+from heronry_tools.sim.world.next_spec import next_spec, why_not
 
 _WITH_DYNAMICS = "heronry_tools.fly."  # code of the aircraft that `heronry fly` flies
 
@@ -34,3 +36,18 @@ def check_images(spec: Spec) -> None:
                 f"the simulator has no flight dynamics, without which module {module.name} cannot drive device "
                 f"{module.device}; fly {spec.name} with 'heronry fly'"
             )
+
+
+def reload_file(spec: Spec, text: str | None) -> Path | None:
+    """Return the file of the spec that `text` names, to which the aircraft is to change in flight; None for None.
+
+    Raises UserError or SpecError if it cannot be read or simulated, or the aircraft cannot change to it.
+    """
+    if text is None:
+        return None
+    file = spec_path(text)
+    check_images(load_spec_file(text))
+    reason = why_not(spec, next_spec(file))
+    if reason is not None:
+        raise UserError(f"{text}: {reason}")
+    return file

@@ -2,7 +2,7 @@
 
 Each manager runs on a computer of its own, called its *seat*. The number of a seat is the node-ID of the manager; a
 second manager with the same node-ID on another computer has the negative number. Each seat has a disk with a journal,
-which stays when the manager dies.
+which stays when the manager dies. A manager starts with the spec by which the manager of its seat flew last.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,6 +18,7 @@ from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.local_clock import LocalClocks
+from heronry_tools.sim.world.next_spec import NextSpec
 from heronry_tools.sim.world.planning import Planners, Prepared
 from heronry_tools.sim.world.simulated_manager import SimulatedManager
 from heronry_wire.authentication import Key
@@ -74,11 +75,12 @@ class Managers:
         self.disks = disks
         self._spec, self._clock, self._clocks = spec, clock, clocks
         self._wiring, self._checks = wiring, checks
-        self._tables = prepared.contents if brings_tables else None
-        self._bundles = bundles
+        self._brings_tables, self._bundles = brings_tables, bundles
         self.code_brought: Callable[[str], None] = lambda _: None
         """Is called with the name of a PE when a manager has brought it code."""
-        self._key, self._prepared, self._planners, self._decide_ns = key, prepared, planners, decide_ns
+        self._key, self._planners, self._decide_ns = key, planners, decide_ns
+        self._first = spec, prepared
+        self._flown: dict[int, tuple[Spec, Prepared]] = {}  # by seat: the spec with which its manager starts next
 
     @property
     def foremost(self) -> SimulatedManager | None:
@@ -106,10 +108,17 @@ class Managers:
         advise: whether the manager only advises: it decides, but sends nothing
         standby: whether it waits while another manager is active; None: it does so if there are two managers
         """
+        spec, prepared = self._flown.get(seat, self._first)
+
+        def switched(following: NextSpec) -> None:
+            self._flown[seat] = following.spec, following.ahead
+            self._checks.manager_flies(self._clock.now_ns, _station(seat), following.spec)
+
+        self._checks.manager_flies(self._clock.now_ns, _station(seat), spec)
         self.running[seat] = SimulatedManager(
             self._clock,
             self._clocks.draw(),
-            self._spec,
+            spec,
             self._wiring.wires[self._spec.manager.bus],
             node=abs(seat),
             disk=self.disks[seat],
@@ -118,18 +127,20 @@ class Managers:
             key=self._key,
             standby=self.are_two if standby is None else standby,
             planners=self._planners,
-            ahead=self._prepared,
+            ahead=prepared,
             decide_ns=self._decide_ns,
             tell=lambda told: self._tell(seat, told),
             planned=self._checks.planning,
             witness=self._checks.copied,
-            tables=self._tables,
+            brings_tables=self._brings_tables,
             bundles=self._bundles,
+            switched=switched,
         )
 
     def double(self, node: int, *, standby: bool) -> None:
         """Start a second manager with the same node-ID on another computer, with a copy of the first one's journal."""
-        self.disks[-node] = Disk(self._spec, self.disks[node].data)
+        self._flown[-node] = self._flown.get(node, self._first)
+        self.disks[-node] = Disk(self._flown[-node][0], self.disks[node].data)
         self._checks.manager_copied(_station(node), _station(-node))
         self.start(-node, standby=standby)
 

@@ -16,7 +16,6 @@ them.
 """
 
 from heronry_dg.losses import lost_elements
-from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, is_place, module_of
 from heronry_manager.core.intake import parts_of
 from heronry_manager.core.vocabulary import (
@@ -51,8 +50,8 @@ class Operator:
     manager (`insist`).
     """
 
-    def __init__(self, spec: Spec, clock: Clock, managers: Managers, checks: Checks, truth: Truth) -> None:
-        self._spec, self._clock = spec, clock
+    def __init__(self, clock: Clock, managers: Managers, checks: Checks, truth: Truth) -> None:
+        self._clock = clock
         self._managers, self._checks, self._truth = managers, checks, truth
         self._well: dict[str, int | None] = {}  # cleared elements: the term that got the order; None: not yet given
         self._insists = False
@@ -67,7 +66,7 @@ class Operator:
         manager = self._managers.commanding
         reply = None
         if manager is not None:
-            said = target_of(order.text, self._spec, manager.core) if isinstance(order, FlyScript) else order
+            said = target_of(order.text, manager.spec, manager.core) if isinstance(order, FlyScript) else order
             reply = manager.say(said)
         if manager is None or reply is None or not reply.done:
             return reply
@@ -80,12 +79,12 @@ class Operator:
         elif isinstance(order, ClearElement):
             self._is_well(order.element, term)
         elif isinstance(order, RetireElement):
-            for part in parts_of(self._spec, order.element):
+            for part in parts_of(manager.spec, order.element):
                 self._well.pop(part, None)
                 self._truth.declared[part] = term
                 self._checks.declared(self._clock.now_ns, part)
         elif isinstance(order, RestoreElement):
-            for part in parts_of(self._spec, order.element):
+            for part in parts_of(manager.spec, order.element):
                 self._is_well(part, term)
         elif isinstance(order, FlyScript | ReleaseTarget):
             self._checks.script_ordered(self._clock.now_ns, term if isinstance(order, FlyScript) else None)
@@ -172,7 +171,8 @@ class Operator:
 
         A monitor may find an idle actuator stuck.
         """
-        lost = lost_elements(self._spec, Situation(frozenset({element})))
-        for module in self._spec.modules.values():
+        spec = self._checks.spec
+        lost = lost_elements(spec, Situation(frozenset({element})))
+        for module in spec.modules.values():
             if f"module:{module.name}" in lost or f"device:{module.device}" in lost:
                 self._truth.excuse(module.name)

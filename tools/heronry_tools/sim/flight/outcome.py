@@ -9,6 +9,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
 
 from heronry_dg.model import Spec
 from heronry_manager.events import Reconfigured
@@ -18,6 +20,7 @@ from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.violation import MISSED, Violation
 from heronry_tools.sim.world.bus import Faults
+from heronry_tools.sim.world.next_spec import next_spec
 from heronry_wire.authentication import KEY_BYTES, Key
 
 _NS_PER_S = 1_000_000_000
@@ -26,6 +29,8 @@ KEY = Key(bytes(KEY_BYTES))
 """Key of all flights with a key; the attackers of the simulator do not know it."""
 
 _LONGEST_START_NS = 20 * _NS_PER_S
+_RELOADED_BY = 0.6  # share of the flight in which a reload is ordered first
+_RELOAD_TRIES = 5  # how often it is ordered, until it is done
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +45,7 @@ class Scenario:
     keyed: bool = False  # managers and PEs have a key; they also have one if a fault needs it
     standby: bool = False  # there are two managers
     foreseen: int | None = None  # contingencies on board cover up to so many faults; None: no contingencies
+    reload: Path | None = None  # file of the spec to which the aircraft changes at a time that the seed draws
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +57,7 @@ class Outcome:
     hits: number of injections by kind of fault and state of the protocol
     entered: how often each state of the protocol was entered
     unverified: by rule of an oracle, the time in ns in which the rule was waived
+    reloaded: whether the aircraft has changed to the other spec; if not, why (`reloads`); empty without a reload
     """
 
     scenario: Scenario
@@ -62,6 +69,7 @@ class Outcome:
     hits: Counter[tuple[str, str]] = field(default_factory=Counter)
     entered: Counter[str] = field(default_factory=Counter)
     unverified: Counter[str] = field(default_factory=Counter)
+    reloaded: str = ""
 
 
 def lossy(share: float) -> Faults:
@@ -110,6 +118,7 @@ def play(
         standby=scenario.standby,
         contingencies=scenario.foreseen,
         brings_tables=bring_tables(scenario.faults),
+        following=None if scenario.reload is None else next_spec(scenario.reload),
     )
     hits: Counter[tuple[str, str]] = Counter()
     try:
@@ -127,7 +136,13 @@ def play(
         hits,
         simulation.managers.protocol.entered,
         Counter(simulation.waivers.unverified_ns(simulation.now_ns)),
+        "" if simulation.reloads is None else simulation.reloads.told(),
     )
+
+
+def _order_reload(simulation: Simulation) -> None:
+    assert simulation.reloads is not None
+    simulation.reloads.order(_RELOAD_TRIES)
 
 
 def _fly(
@@ -145,6 +160,11 @@ def _fly(
     injections = Injections(simulation, scenario.faults, start_ns)
     injections.hits = hits
     begun(simulation, start_ns)
+    if simulation.reloads is not None:
+        at_ns = start_ns + Random(f"reload of {scenario.seed}").randrange(
+            1 + round(_RELOADED_BY * scenario.seconds * _NS_PER_S)
+        )
+        simulation.at(at_ns, lambda: _order_reload(simulation))
     end_ns = start_ns + round(scenario.seconds * _NS_PER_S)
     for second_ns in range(start_ns + _NS_PER_S, end_ns + 1, _NS_PER_S):
         simulation.run_until(second_ns)

@@ -3,9 +3,9 @@
 All random values (start-up times, clocks, durations of planning, lost frames) are drawn from one seed. So the same
 spec, seed and faults always give the same frames, bit for bit; `digest` is a digest of all frames.
 
-The parts are `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices) and `operator`. Only `truth`
-holds the real situation, which the cores must find out. The oracles (`checks`) get the truth, the frames and the driven
-outputs, but no state of a core.
+The parts are `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices), `operator` and `reloads`. Only
+`truth` holds the real situation, which the cores must find out. The oracles (`checks`) get the truth, the frames and
+the driven outputs, but no state of a core.
 """
 
 from collections.abc import Callable, Collection
@@ -22,10 +22,12 @@ from heronry_tools.runtime.witness import Witness
 from heronry_tools.sim.flight.fleet import Fleet
 from heronry_tools.sim.flight.managers import Managers, journal
 from heronry_tools.sim.flight.operator import Operator
+from heronry_tools.sim.flight.reloads import Reloads
 from heronry_tools.sim.flight.truth import Truth
 from heronry_tools.sim.flight.wiring import Wiring
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.oracles.end_state import unnoticed_ns
+from heronry_tools.sim.oracles.flown_spec import FlownSpec
 from heronry_tools.sim.oracles.queues import QueueCheck
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.oracles.waivers import Waivers
@@ -35,6 +37,7 @@ from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.frame_digest import FrameDigest
 from heronry_tools.sim.world.inspection.diagnostic_client import DiagnosticClient
 from heronry_tools.sim.world.local_clock import LocalClocks
+from heronry_tools.sim.world.next_spec import NextSpec
 from heronry_tools.sim.world.planning import Planners, Prepared, prepared
 from heronry_tools.sim.world.stranger import Stranger
 from heronry_wire.authentication import Key
@@ -48,7 +51,8 @@ DEFAULT_SKEW_PPM = 100  # largest error of a clock
 
 _LOOK_NS = 100 * MS
 _LATEST_START_NS = 200 * MS
-_LONGEST_WAIT_NS = 70_000 * MS  # for a table that was refused several times: the longest pause, and a transfer
+_LONGEST_WAIT_NS = 70_000 * MS  # for a table that was refused several times: the longest pause, and a transfer; and
+# for the tables of another spec
 
 
 _E = TypeVar("_E", bound=Event)
@@ -76,6 +80,7 @@ class Simulation:
         observed: bool = True,
         brings_tables: bool = False,
         bundles: tuple[CodeBundle, ...] = (),
+        following: NextSpec | None = None,
     ) -> None:
         """Switch on all nodes that are not `absent`, each at a random moment in the first 200 ms.
 
@@ -94,6 +99,8 @@ class Simulation:
             no meaning
         brings_tables: whether a manager brings a node without a table its table; fault `blank` needs it
         bundles: code that the managers bring to PEs that lack it; with it every PE has a loader
+        following: the spec to which the aircraft may change in flight (`reloads`); then the managers bring tables, too.
+            None: it does not change
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
@@ -102,13 +109,20 @@ class Simulation:
         self.world: PlantOfDevices = Plant(-aloft_ns) if plant is None else plant
         disks = {node: Disk(spec) for node in MANAGER_NODES}
         contents = [one.content for one in bundles]
+        brings_tables |= following is not None
         self.checks = Checks(
-            spec, ahead.tables.values(), key, partial(journal, disks), brings_tables=brings_tables, bundles=contents
+            spec,
+            ahead.tables.values(),
+            key,
+            partial(journal, disks),
+            brings_tables=brings_tables,
+            bundles=contents,
+            other=None if following is None else FlownSpec(following.spec, following.ahead.tables),
         )
         if standby:
             self.checks.may_forget_phase()
         self.waivers = Waivers(self.checks.settling_ns)
-        self.truth = Truth(spec, self.checks, self.waivers)
+        self.truth = Truth(self.checks, self.waivers)
         self.wiring = Wiring(spec, self.clock, seed, faults)
         clocks = LocalClocks(self.clock, chance, skew_ppm)
         self.managers = Managers(
@@ -138,9 +152,11 @@ class Simulation:
             key=key,
             absent=absent,
             has_loaders=bool(bundles),
+            may_change=following is not None,
         )
         self.managers.code_brought = self.fleet.code_brought
-        self.operator = Operator(spec, self.clock, self.managers, self.checks, self.truth)
+        self.operator = Operator(self.clock, self.managers, self.checks, self.truth)
+        self.reloads = None if following is None else Reloads(self.clock, self.managers, self.checks, following)
         self.trace: list[Sent] = []
         self._frames = FrameDigest()
         self._tap(keep_trace=keep_trace, observed=observed)
@@ -223,6 +239,8 @@ class Simulation:
         """Return the rules for the end of a flight (`oracles.end_state`) that are violated now."""
         waiting = [Violation(self.now_ns, "table", f"{pe} waits for its table") for pe in self.fleet.blanks]
         waiting += [Violation(self.now_ns, "code", f"{pe} waits for code") for pe in self.fleet.waits_for_code()]
+        if self.reloads is not None and self.reloads.is_under_way:
+            waiting.append(Violation(self.now_ns, "reload", "the change to the other spec is still under way"))
         return self.checks.unsettled(self.truth.situation, self.now_ns) + waiting
 
     def settle(self) -> list[Violation]:
@@ -242,9 +260,10 @@ class Simulation:
         may still send queued frames, and a PE that returns may still send data of the modules that it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
-        if self.fleet.blanks or self.fleet.waits_for_code():
+        is_changing = self.reloads is not None and self.reloads.is_under_way
+        if self.fleet.blanks or self.fleet.waits_for_code() or is_changing:
             end_ns += _LONGEST_WAIT_NS
-        stays_well_ns = unnoticed_ns(self.spec)
+        stays_well_ns = unnoticed_ns(self.checks.spec)
         wires = self.wiring.every_wire()
         queues, epoch = QueueCheck(self.now_ns, wires), self.checks.epoch
         while True:

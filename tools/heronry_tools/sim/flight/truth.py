@@ -3,23 +3,25 @@
 An element is down if it has failed, is cut off, or was declared failed by the operator. A healthy element is down, too,
 if a PE has reported it as failed and this false report is excused. `excuse` excuses reports about one module and its
 device. A fault of some kinds (`Kind.excuses`) excuses every report while it is present. As in the manager, a module
-that has failed on one PE is down on this PE. When it has failed on a second PE, it is down everywhere.
+that has failed on one PE is down on this PE. When it has failed on a second PE, it is down everywhere. What the spec by
+which the aircraft flies does not have is left out.
 """
 
 from collections import Counter
 
-from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, is_place, module_of, places
 from heronry_tools.sim.oracles.checks import Checks
+from heronry_tools.sim.oracles.flown_spec import all_elements
 from heronry_tools.sim.oracles.waivers import REPORTS, Waivers
 
 
 class Truth:
     """The real situation of one flight, as the simulator causes it."""
 
-    def __init__(self, spec: Spec, checks: Checks, waivers: Waivers) -> None:
+    def __init__(self, checks: Checks, waivers: Waivers) -> None:
         """Begin with an aircraft on which everything is healthy."""
-        self._spec, self._checks, self._waivers = spec, checks, waivers
+        self._checks, self._waivers = checks, waivers
+        self._known = checks.spec, all_elements(checks.spec)
         self._down: set[str] = set()
         self._cut: set[str] = set()
         self.declared: dict[str, int] = {}  # by element declared failed: term of the last order to fail it
@@ -37,8 +39,15 @@ class Truth:
         down = self._down | self._cut | self.declared.keys() | excused
         failed = Counter(module_of(place) for place in (self._down | excused) if is_place(place))
         everywhere = {module for module, count in failed.items() if count > 1}
-        gone = frozenset(down | everywhere | self._lacking)
+        gone = frozenset(down | everywhere | self._lacking) & self._there()
         return Situation(gone, {}, self._checks.phase, self._checks.priorities)
+
+    def _there(self) -> frozenset[str]:
+        """Return the elements and places of the spec by which the aircraft flies."""
+        spec = self._checks.spec
+        if self._known[0] is not spec:
+            self._known = spec, all_elements(spec)
+        return self._known[1]
 
     def broke(self, module: str, pe: str) -> None:
         """Record that a module has failed on a PE.
@@ -59,7 +68,8 @@ class Truth:
 
     def _place(self, module: str, pe: str) -> str:
         place = f"module:{module}@{pe}"
-        return place if place in places(self._spec, module) else f"module:{module}"
+        spec = self._checks.spec
+        return place if module in spec.modules and place in places(spec, module) else f"module:{module}"
 
     def failed(self, element: str) -> None:
         """Set an element as failed; it no longer counts as cut off."""
@@ -91,7 +101,9 @@ class Truth:
         stand still. Then sensors may look stuck, too. So reports are also allowed about every sensor on each PE
         that has a device of one of these output modules.
         """
-        spec, excusable = self._spec, self.excusable
+        spec, excusable = self._checks.spec, self.excusable
+        if module not in spec.modules:
+            return
         devices = {spec.modules[module].device}
         excusable.add(f"module:{module}")
         for function in spec.functions.values():

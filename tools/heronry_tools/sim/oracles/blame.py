@@ -20,6 +20,7 @@ from itertools import product
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, module_of
+from heronry_tools.sim.oracles.flown_spec import all_elements
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.places import Places
 from heronry_tools.sim.oracles.violation import Violation
@@ -55,6 +56,12 @@ class BlameCheck(Oracle):
         self._compared = _compared(spec)
         self._reported: dict[str, Violation] = {}
         self._cleared: dict[str, Violation] = {}  # elements that were rightly reported, and have been cleared since
+
+    def take_over(self, before: "BlameCheck", spec: Spec) -> None:
+        """Take over the reports of another spec, of the elements that `spec` has, too."""
+        there = all_elements(spec)
+        self._reported = {element: one for element, one in before._reported.items() if element in there}
+        self._cleared = {element: one for element, one in before._cleared.items() if element in there}
 
     def emergency(self, sent: Sent, _pe: str, _message: Emergency | Malformed) -> None:
         """Read the EMCY of a PE, and record the element that it reports as failed."""

@@ -2,6 +2,10 @@
 
 Frames come in by `see`. The code that causes another event (a step of a module, a fault, an order) reports the event by
 the method for this event.
+
+In a flight with a reload the oracles are at first those of the old spec. With the first step of an epoch of the other
+spec (`frames`), oracles of that spec take their place (`known`); that may happen again, in either direction. A step of
+a module that the present spec does not have concerns only the oracles that know both specs.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -11,10 +15,11 @@ from heronry_dg.situation import Situation
 from heronry_tools.runtime.witness import Witness
 from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.oracles.end_state import Seen, end_state
+from heronry_tools.sim.oracles.flown_spec import FlownSpec
 from heronry_tools.sim.oracles.frames import FrameWatch
 from heronry_tools.sim.oracles.journal import Read
-from heronry_tools.sim.oracles.known import Known
-from heronry_tools.sim.oracles.oracle import listeners
+from heronry_tools.sim.oracles.known import Given, Known
+from heronry_tools.sim.oracles.oracle import Oracle, listeners
 from heronry_tools.sim.oracles.registry import oracles
 from heronry_tools.sim.oracles.service import Injected
 from heronry_tools.sim.oracles.silence import stopped_by_silence
@@ -41,6 +46,7 @@ class Checks:
         *,
         brings_tables: bool = False,
         bundles: Collection[bytes] = (),
+        other: FlownSpec | None = None,
     ) -> None:
         """Create the oracles for a flight of this spec.
 
@@ -49,11 +55,22 @@ class Checks:
         read_journal: returns the bytes of the journal of the manager at a station
         brings_tables: whether the managers bring tables to nodes without one
         bundles: code that the managers bring
+        other: the spec to which the aircraft may change in flight; None: it does not
         """
-        self._spec = spec
-        self._known = Known(spec, tables, key, read_journal, brings_tables=brings_tables, bundles=bundles)
-        self._oracles = oracles(self._known)
-        self._frames = FrameWatch(self._known, self._oracles)
+        flown = FlownSpec(spec, {table.name: table for table in tables})
+        given = Given(key, read_journal, brings_tables=brings_tables, bundles=bundles)
+        self._every: dict[int, Oracle] = {}  # all oracles of the flight, also those of the spec before
+        self._past: list[tuple[Known, int]] = []  # what was known by a spec, and when the next one took over (ns)
+        self._rests = False
+        self._inspections: list[Violation] = []
+        self._use(Known(flown, given, other))
+
+    def _use(self, known: Known, before: FrameWatch | None = None) -> None:
+        """Let the oracles of one spec observe the flight from now on."""
+        self._known, self._spec = known, known.spec
+        self._oracles = oracles(known)
+        self._every |= {id(oracle): oracle for oracle in self._oracles}
+        self._frames = FrameWatch(known, self._oracles, self._changes, before)
         self._of_frames = listeners(self._oracles, "seen")
         self._of_copies = listeners(self._oracles, "copied")
         self._of_channels = listeners(self._oracles, "carried")
@@ -63,13 +80,24 @@ class Checks:
         self._of_withheld = listeners(self._oracles, "withheld")
         self._of_states = listeners(self._oracles, "state_seen")
         self._of_planning = listeners(self._oracles, "planning")
-        self._inspections: list[Violation] = []
+        if self._rests:
+            self.rest()
+
+    def _changes(self, t_ns: int, epoch: int) -> FrameWatch:
+        """Let the oracles of the other spec take over, since the PEs change to it by this epoch."""
+        before = self._known
+        self._past.append((before, t_ns))
+        self._use(before.changed(epoch), self._frames)
+        if before.either is not None:
+            before.either.changes(t_ns, self._spec.digest)
+        return self._frames
 
     def rest(self) -> None:
         """Stop reporting steps, movements and frames of single channels to the oracles: this run is not verified.
 
         From now on the caller must not call `see`. What the oracles record after this call has no meaning.
         """
+        self._rests = True
         self._of_copies = self._of_channels = self._of_driving = self._of_looks = self._of_moves = ()
         self._of_withheld = self._of_states = ()
 
@@ -93,7 +121,7 @@ class Checks:
 
     def moved(self, moved: Moved) -> None:
         """Report to the oracles that a PE has passed the command of a module to the module's device."""
-        for oracle in self._of_moves:
+        for oracle in self._of_moves if moved.module in self._spec.modules else (self._known.exclusion,):
             oracle.moved(moved)
 
     def driven(self, driven: Driven) -> None:
@@ -101,7 +129,7 @@ class Checks:
 
         The module drives an actuator, or is a branch of a DEMUX.
         """
-        for oracle in self._of_driving:
+        for oracle in self._of_driving if driven.module in self._spec.modules else (self._known.exclusion,):
             oracle.driven(driven)
 
     def looked(self, stepped: Driven) -> None:
@@ -109,17 +137,17 @@ class Checks:
 
         The module drives no actuator, and is no branch of a DEMUX.
         """
-        for oracle in self._of_looks:
+        for oracle in self._of_looks if stepped.module in self._spec.modules else ():
             oracle.looked(stepped)
 
     def withheld(self, step: Withheld) -> None:
         """Report to the oracles a step of a module that leaves out an output of its mode."""
-        for oracle in self._of_withheld:
+        for oracle in self._of_withheld if step.module in self._spec.modules else ():
             oracle.withheld(step)
 
     def state_seen(self, seen: StateSeen) -> None:
         """Report to the oracles that a module has saved its state, or has started from a state."""
-        for oracle in self._of_states:
+        for oracle in self._of_states if seen.module in self._spec.modules else ():
             oracle.state_seen(seen)
 
     def planning(self, seen: PlanningSeen) -> None:
@@ -127,7 +155,41 @@ class Checks:
         for oracle in self._of_planning:
             oracle.planning(seen)
 
+    def stepped(self, t_ns: int, pe: str, module: str) -> None:
+        """Report to the oracles, in a flight with a reload, every step of a module."""
+        if self._known.either is not None:
+            self._known.either.stepped(t_ns, pe, module)
+
     # What is done to the aircraft
+
+    def flies(self, t_ns: int, pe: str, table: PeTable) -> None:
+        """Report to the oracles with which table a PE starts, or goes on in flight."""
+        if self._known.either is not None:
+            self._known.either.flies(t_ns, pe, table)
+
+    def manager_flies(self, t_ns: int, station: str, spec: Spec) -> None:
+        """Report to the oracles the spec of the manager at a station, when it starts or has changed in flight."""
+        if self._known.either is not None:
+            self._known.either.manager_flies(t_ns, station, spec.digest)
+
+    def pe_died(self, pe: str) -> None:
+        """Report to the oracles that a PE has died."""
+        if self._known.either is not None:
+            self._known.either.gone(pe)
+
+    def reload_ordered(self) -> None:
+        """Report to the oracles that a manager has accepted the order to change to the other spec."""
+        if self._known.either is not None:
+            self._known.either.reload_ordered()
+        if self._known.tables is not None:
+            self._known.tables.reload_ordered()
+
+    def reload_over(self, *, is_given_up: bool) -> None:
+        """Report to the oracles that a manager says that the change is given up, or that it is done."""
+        if self._known.either is not None:
+            self._known.either.reload_over(is_given_up=is_given_up)
+        if self._known.tables is not None:
+            self._known.tables.reload_ordered(is_over=True)
 
     def bus_split(self, t_ns: int, bus: str, is_split: bool) -> None:
         """Report to the oracles that a bus has broken in the middle (`is_split`), or was repaired."""
@@ -137,7 +199,7 @@ class Checks:
 
     def silenced(self, t_ns: int, module: str, output: int) -> None:
         """Report to the oracles that a module ceases to give an output, counted from 1 in its mode; 0: all of them."""
-        for oracle in self._oracles:
+        for oracle in self._oracles if module.partition("@")[0] in self._spec.modules else ():
             oracle.silenced(t_ns, module, output)
 
     def unsilenced(self, module: str) -> None:
@@ -247,6 +309,11 @@ class Checks:
     # What is known
 
     @property
+    def spec(self) -> Spec:
+        """Return the spec of the epoch that was activated last; before the first one, that of the flight's begin."""
+        return self._spec
+
+    @property
     def witness(self) -> Witness:
         """Return the record of the functions whose outputs were heard on the managers' bus."""
         return self._known.witness
@@ -303,7 +370,7 @@ class Checks:
             for c in clashes
             if not any(station.startswith(STRANGER) for station in c.stations)
         ]
-        found = [violation for oracle in self._oracles for violation in oracle.violations]
+        found = [violation for oracle in self._every.values() for violation in oracle.violations]
         return sorted([*found, *self._known.blame.unfounded(truth), *stories, *self._inspections])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
@@ -317,7 +384,8 @@ class Checks:
             known.service.held,
             is_script_held=known.scripts.is_held(now_ns),
         )
-        return end_state(self._spec, truth, now_ns, seen)
+        mixed = () if known.either is None else known.either.unsettled(now_ns)
+        return [*end_state(self._spec, truth, now_ns, seen), *mixed]
 
     def is_well(self, t_ns: int) -> None:
         """Let the oracle `planned_load` count data frames from now on.
@@ -353,11 +421,27 @@ class Checks:
 
         targets: what faults were injected into; if one is not a manager, nothing is verified.
         """
-        return stopped_by_silence(self._spec, targets, self.witness, span_ns, self._known.left_out)
+        begin_ns = max([span_ns.start, *(until_ns for _, until_ns in self._past)])
+        return stopped_by_silence(
+            self._spec, targets, self.witness, range(begin_ns, span_ns.stop), self._known.left_out
+        )
 
     def silences(self, injected: Sequence[Injected], end_ns: int) -> list[Violation]:
         """Return a violation for each critical function that was silent although a plan could have served it.
 
         injected: the faults that were injected into the aircraft. end_ns: the end of the flight.
         """
-        return self._known.service.silences(self._known.witness.outages(end_ns), injected, end_ns)
+        spans = [*self._past, (self._known, end_ns)]
+        return [
+            violation
+            for known, to_ns in spans
+            for violation in known.service.silences(known.witness.outages(to_ns), injected, to_ns)
+        ]
+
+    def missed_steps(self, faults: Iterable[Fault]) -> list[Violation]:
+        """Return a violation for each step that a module has missed since a reload was ordered (`either_spec`).
+
+        faults: all faults that were injected.
+        """
+        either = self._known.either
+        return [] if either is None else either.missed_steps({fault.kind for fault in faults})

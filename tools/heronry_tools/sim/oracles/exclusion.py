@@ -31,7 +31,7 @@ The oracle does not verify what a PE drives within T_lease after one of these fr
   still run unheard (docs/limits.md).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from heronry_dg.model import Spec
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS
@@ -45,21 +45,25 @@ _Thing = tuple[str, str | int]
 _Holder = tuple[str, str]
 
 
+def _exclusive(spec: Spec) -> Iterator[tuple[str, _Thing]]:
+    """Yield each module with each exclusive thing that it drives."""
+    for demux in spec.demuxes.values():
+        yield from ((module, ("DEMUX", demux.name)) for module in demux.branches)
+        yield from ((module, ("end of DEMUX", demux.name)) for module in demux.to)
+    yield from ((m.name, ("actuator", m.device)) for m in spec.modules.values() if m.device)
+
+
 class ExclusionCheck(Oracle):
     """Records who holds each exclusive output and identifier, and verifies that none has two holders at a time."""
 
-    def __init__(self, spec: Spec) -> None:
+    def __init__(self, spec: Spec, *others: Spec) -> None:
+        """Begin with no holder; others: specs by which PEs may fly later in the same flight."""
         super().__init__()
-        self._moving = frozenset(m.name for m in spec.modules.values() if m.device)
-        self._things_of: dict[str, list[_Thing]] = {}
-        for demux in spec.demuxes.values():
-            for module in demux.branches:
-                self._things_of.setdefault(module, []).append(("DEMUX", demux.name))
-            for module in demux.to:
-                self._things_of.setdefault(module, []).append(("end of DEMUX", demux.name))
-        for m in spec.modules.values():
-            if m.device:
-                self._things_of.setdefault(m.name, []).append(("actuator", m.device))
+        specs = (spec, *others)
+        self._moving = frozenset(m.name for one in specs for m in one.modules.values() if m.device)
+        self._things_of: dict[str, dict[_Thing, None]] = {}
+        for module, thing in (found for one in specs for found in _exclusive(one)):
+            self._things_of.setdefault(module, {})[thing] = None
         self._epoch, self._step = 0, Step.PREPARED  # the newest epoch, and its last step
         self._last: dict[int, tuple[int, Step]] = {}  # the same, by term
         self._handover = 0  # number of handovers so far

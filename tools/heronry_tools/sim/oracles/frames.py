@@ -30,13 +30,20 @@ from heronry_wire.identifiers import (
     state_id,
 )
 from heronry_wire.management import (
+    Activate,
     Alive,
     Control,
     ElementKind,
     Emergency,
+    Lease,
     ManagementMessage,
+    Prepare,
+    SliceBody,
+    SliceHead,
+    Step,
     decode_command,
     decode_emergency,
+    is_newer,
 )
 from heronry_wire.state_frames import PeState, StatePage0
 
@@ -61,16 +68,27 @@ _COMMANDS = (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Co
 class FrameWatch:
     """Decodes the frames on all buses of one flight, and calls the methods of the oracles that need them."""
 
-    def __init__(self, known: Known, oracles: Collection[Oracle]) -> None:
-        """Pass frames to these oracles, and keep the facts in `known` up to date."""
-        self._known, self._bus = known, known.spec.manager.bus
+    def __init__(
+        self,
+        known: Known,
+        oracles: Collection[Oracle],
+        changes: Callable[[int, int], "FrameWatch"],
+        before: "FrameWatch | None" = None,
+    ) -> None:
+        """Pass frames to these oracles, and keep the facts in `known` up to date.
+
+        changes: is called with the time (ns) and the number of an epoch of the other spec at its first command; returns
+        what goes on with that command. before: from which this one goes on.
+        """
+        self._known, self._bus, self._changes = known, known.spec.manager.bus, changes
         self._of = {hook: listeners(oracles, hook) for hook in _HEARD}
         self._of_data = self._of["published"]
-        self._term = 0  # the highest term heard
+        self._term: int = 0 if before is None else before._term  # the highest term heard
         self._last_lease: tuple[int, bytes] | None = None  # identifier and data
         self._node_of_state = {state_id(node): node for node in PE_NODES}
         self._node_of_emcy = {emcy_id(node): node for node in PE_NODES}
         self._pe_of = dict.fromkeys(PE_NODES, "") | {pe.node_id: pe.name for pe in known.spec.pes.values()}
+        self._pe_of_echo = {actuator_echo_id(node): pe for node, pe in self._pe_of.items()}
         self._alive_ids = frozenset(management_id(manager, Command.ALIVE) for manager in MANAGER_NODES)
         self._watchers = self._by_identifier()
 
@@ -119,6 +137,8 @@ class FrameWatch:
         elif page is not None and is_on_managers_bus:
             read = page if known.proven is None else known.proven.read(node, page, known.commanded.digests(page))
             known.commanded.staged(node, read)
+            if known.beside is not None:
+                known.beside.staged(node, read)
 
     def _page_0(self, sent: Sent, state: StateSaid) -> None:
         if sent.sender == state.pe:
@@ -130,9 +150,16 @@ class FrameWatch:
             for oracle in self._of["told"]:
                 oracle.told(state)
 
+    def _is_of_this_spec(self, sent: Sent, node: str) -> bool:
+        """Tell whether the indices in a frame that comes from a PE or a manager are those of the present spec."""
+        either = self._known.either
+        return either is None or either.speaks(sent.end_ns, node, self._known.spec.digest)
+
     def _emergency(self, sent: Sent) -> None:
         node, emergency = self._node_of_emcy[sent.frame.can_id], decode_emergency(sent.frame.data)
         pe = self._pe_of[node]
+        if not self._is_of_this_spec(sent, pe):
+            return
         if sent.bus == self._bus and isinstance(emergency, Emergency) and emergency.kind is ElementKind.PHASE:
             for oracle in self._of["requested"]:
                 oracle.requested(node, emergency)
@@ -152,7 +179,7 @@ class FrameWatch:
                 oracle.measured(sent)
 
     def _echo(self, sent: Sent) -> None:
-        if sent.bus == self._bus:
+        if sent.bus == self._bus and self._is_of_this_spec(sent, self._pe_of_echo[sent.frame.can_id]):
             self._known.witness.see(sent.end_ns, sent.frame)
 
     # What managers send
@@ -179,15 +206,34 @@ class FrameWatch:
         known = self._known
         if known.proven is not None and isinstance(message, Control):
             known.proven.commanded(manager, message)  # a WELCOME of any manager opens a session
-        if not known.terms.follow_command(sent.end_ns, manager, message, sent.sender):
+        is_active = known.terms.follow_command(sent.end_ns, manager, message, sent.sender)
+        if known.beside is not None and isinstance(message, Prepare | SliceHead | SliceBody):
+            known.beside.take(sent.end_ns, message, is_active=is_active)
+        if not is_active:
             known.commanded.take(sent.end_ns, message, is_active=False)
+            return
+        if isinstance(message, Activate | Lease) and self._is_of_the_other_spec(message):
+            self._changes(sent.end_ns, message.epoch)._new_command(manager, message, sent)
             return
         epoch = known.commanded.take(sent.end_ns, message)
         if epoch is not None:
             for oracle in self._of["activated"]:
                 oracle.activated(sent.end_ns, epoch)
+        if isinstance(message, Control) and not self._is_of_this_spec(sent, sent.sender):
+            return
         for oracle in self._of["commanded"]:
             oracle.commanded(sent.end_ns, sent.sender, message)
+
+    def _is_of_the_other_spec(self, message: Activate | Lease) -> bool:
+        """Tell whether a command takes a step of an epoch of the other spec, so that the PEs change to that one."""
+        beside, current = self._known.beside, self._known.commanded.current
+        if beside is None or message.step is Step.PREPARED:
+            return False
+        if current is not None and (current.number, current.digest) == (message.epoch, message.digest):
+            return False
+        # LEASE may name the epoch that a manager of the other spec remembers, before that manager commands anything
+        is_next = isinstance(message, Activate) or current is None or is_newer(message.epoch, current.number)
+        return is_next and beside.fits(message)
 
     def _alive(self, sent: Sent) -> None:
         if sent.bus != self._bus:

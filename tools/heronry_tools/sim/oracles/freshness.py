@@ -50,6 +50,15 @@ class FreshnessCheck(Oracle):
         self._epochs: dict[int, tuple[int, int]] = {}  # by node: the epoch that it reports, and since when (ns)
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
 
+    def take_over(self, before: "FreshnessCheck") -> None:
+        """Take over the data frames that the oracle of another spec has kept, by the names of their sources."""
+        sources = {number: source for source, number in before._identifiers.items()}
+        self._epochs = before._epochs
+        for (bus, number, node), frames in before._last.items():
+            identifier = self._identifiers.get(sources[number])
+            if identifier is not None:
+                self._last[bus, identifier, node] = deque(frames, maxlen=self._remembered[identifier])
+
     def published(self, sent: Sent) -> None:
         """Keep a data frame, with which the inputs of modules are compared later."""
         frame = sent.frame

@@ -79,8 +79,13 @@ class _Said:
 class JournalCheck(Oracle):
     """Verifies that the frames of each manager agree with the journal on its disk."""
 
-    def __init__(self, spec: Spec, read: Read) -> None:
+    def __init__(self, spec: Spec, read: Read, switched_by: int | None = None) -> None:
+        """Begin with no manager; switched_by: the epoch by which the PEs change to this spec, if they do.
+
+        The journal gets this epoch only when all PEs have changed.
+        """
         super().__init__()
+        self._switched_by = switched_by
         self._read = read
         self._places = Places(spec)
         self._phases, self._functions = list(spec.phases), list(spec.functions)
@@ -183,6 +188,8 @@ class JournalCheck(Oracle):
 
     def _facts(self, memory: Memory, message: ManagementMessage) -> list[str]:
         match message:
+            case Lease(_, epoch) if epoch == self._switched_by:
+                pass
             case Lease(_, epoch, step, digest) if step is not Step.PREPARED:
                 runs = memory.runs
                 is_known = runs is not None and (

@@ -78,6 +78,14 @@ class PhaseCheck(Oracle):
         self._may_forget = self._is_apart = False
         self._stories: set[str] = set()
 
+    def take_over(self, before: "PhaseCheck") -> None:
+        """Take over the phase that the oracle of another spec knows, if there is a phase of this name."""
+        if before.current in self._names:
+            self.current = before.current
+        self._may_forget, self._is_apart = before._may_forget, before._is_apart
+        self._heard_term, self._told_term = before._heard_term, before._told_term
+        self._entered_term, self._incarnations = before._entered_term, before._incarnations
+
     def may_forget_phase(self) -> None:
         """Allow a manager, from now on, to begin its mastership with a phase that has already ended."""
         self._may_forget = True

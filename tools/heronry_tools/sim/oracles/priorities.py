@@ -51,6 +51,17 @@ class PriorityCheck(Oracle):
         self._told_in: dict[str, int] = {}  # by function: the term in which a change was announced last
         self._term = 0
 
+    def take_over(self, before: "PriorityCheck") -> None:
+        """Take over what the oracle of another spec knows of the functions with the same names."""
+        there = {function.name for function in self._functions}
+        self.current = {name: one for name, one in before.current.items() if name in there}
+        self._asked = {name: asked for name, asked in before._asked.items() if name in there}
+        self._orders = {name: orders for name, orders in before._orders.items() if name in there}
+        self._ordered_ns = {name: t_ns for name, t_ns in before._ordered_ns.items() if name in there}
+        self._stands = {name: stands for name, stands in before._stands.items() if name in there}
+        self._told_in = {name: term for name, term in before._told_in.items() if name in there}
+        self._last, self._jumps, self._term = before._last, before._jumps, before._term
+
     def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
         """Record that the manager has accepted the operator's order for a priority.
 

@@ -3,12 +3,8 @@
 from collections.abc import Callable
 
 from heronry_dg.checkpoints import kept_modules
-from heronry_tools.sim.oracles.authenticity import AuthenticityCheck
-from heronry_tools.sim.oracles.channels import ChannelCheck
 from heronry_tools.sim.oracles.checkpoints import CheckpointCheck
 from heronry_tools.sim.oracles.configurations import ConfigurationCheck
-from heronry_tools.sim.oracles.exclusion import ExclusionCheck
-from heronry_tools.sim.oracles.freshness import FreshnessCheck
 from heronry_tools.sim.oracles.journal import JournalCheck
 from heronry_tools.sim.oracles.known import Known
 from heronry_tools.sim.oracles.load import LoadCheck
@@ -21,21 +17,22 @@ from heronry_tools.sim.oracles.safe_mode import SafeModeCheck
 from heronry_tools.sim.oracles.transitions import TransitionCheck
 
 ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
-    lambda known: ExclusionCheck(known.spec),
+    lambda known: known.exclusion,
+    lambda known: known.either,
     lambda known: known.epochs,
     lambda known: ConfigurationCheck(known.spec),
     lambda known: known.service,
     lambda known: known.terms,
     lambda known: OrphanCheck(known.spec, has_digests=known.key is None),
-    lambda known: FreshnessCheck(known.spec, known.commanded),
+    lambda known: known.freshness,
     lambda known: CheckpointCheck(known.spec) if any(kept_modules(known.spec)) else None,
     lambda known: PublishingCheck(known.spec, known.commanded),
     lambda known: LoadCheck(known.spec),
     lambda known: RadioCheck(known.spec),
     lambda known: SafeModeCheck(known.spec, known.commanded),
-    lambda known: ChannelCheck(known.spec),
+    lambda known: known.channels,
     lambda known: TransitionCheck(known.spec, known.commanded.epochs),
-    lambda known: JournalCheck(known.spec, known.read_journal),
+    lambda known: JournalCheck(known.spec, known.read_journal, known.switched_by),
     lambda _: ProgressCheck(),
     lambda known: known.phases,
     lambda known: known.priorities,
@@ -46,7 +43,7 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
     lambda known: known.availability,
     lambda known: known.tables,
     lambda known: known.code,
-    lambda known: None if known.key is None else AuthenticityCheck(known.spec, known.key),
+    lambda known: known.authenticity,
 )
 """Functions that create the oracles; a function returns None where its oracle has nothing to verify in the run."""
 

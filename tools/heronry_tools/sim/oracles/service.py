@@ -51,6 +51,7 @@ from heronry_dg.uplinks import radios
 from heronry_manager.core.topology import uplink_bus
 from heronry_tools.recording.commanded import Epoch
 from heronry_tools.runtime.witness import Outage
+from heronry_tools.sim.oracles.flown_spec import all_elements
 from heronry_tools.sim.oracles.limits import (
     HOLD_DOWN_PERIODS,
     LEASE_PERIODS,
@@ -128,6 +129,21 @@ class ServiceCheck(Oracle):
         self._radios = {radio.link_id: radio for radio in radios(spec).values()}
         self._usable: list[tuple[int, str, int]] = []  # time, bus, usable share (per mille)
         self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
+
+    def take_over(self, before: "ServiceCheck") -> None:
+        """Take over, from the oracle of another spec, what counts as failed, and what ALIVE and the frames showed."""
+        there = all_elements(self._spec)
+        self._held = [one for one in before._held if one.element in there]
+        self._told_by, self._available = before._told_by, before._available
+        self._alive_ns, self._late_ns, self._usable = before._alive_ns, before._late_ns, before._usable
+        self._masterships_ns, self._idle, self._ran_ns = before._masterships_ns, before._idle, before._ran_ns
+        last_ns, phase = before._phases[-1] if before._phases else (0, None)
+        self._phases = [(last_ns, phase)] if phase in self._spec.phases else []
+        changed = [(t_ns, self._known_ones(priorities)) for t_ns, priorities in before._priorities[-1:]]
+        self._priorities = list(changed)
+
+    def _known_ones(self, priorities: Mapping[str, int]) -> Mapping[str, int]:
+        return {function: one for function, one in priorities.items() if function in self._spec.functions}
 
     def emergency(self, _sent: Sent, pe: str, message: Emergency | Malformed) -> None:
         """Record which PE reports a fault or withdraws its report."""

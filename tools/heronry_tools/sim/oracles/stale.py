@@ -94,6 +94,10 @@ class StaleCheck(Oracle):
         self._untold: dict[_Key, Violation] = {}
         self._leases = 0
 
+    def take_over(self, before: "StaleCheck") -> None:
+        """Take over what the oracle of another spec knows of the epochs of the PEs."""
+        self._epochs, self._before = before._epochs, before._before
+
     # What is seen
 
     def published(self, sent: Sent) -> None:

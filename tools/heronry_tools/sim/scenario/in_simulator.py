@@ -26,6 +26,7 @@ from heronry_tools.sim.scenario.flown import Flown
 from heronry_tools.sim.scenario.observations import Observations
 from heronry_tools.sim.scenario.script import ORDERS, Deed, Script
 from heronry_tools.sim.scenario.trace import deed_line, differences, event_line
+from heronry_tools.sim.world.next_spec import next_spec
 from heronry_tools.sim.world.planning import Planners
 from heronry_wire.identifiers import FIRST_MANAGER
 
@@ -44,6 +45,7 @@ def _take_off(script: Script) -> Simulation:
         planners=Planners.IMMEDIATE if script.is_unforeseen else Planners.BEST,
         absent=[element.removeprefix("pe:") for element in script.without],
         brings_tables=bring_tables(script.faults),
+        following=None if script.reload is None else next_spec(script.reload),
     )
 
 
@@ -172,7 +174,11 @@ def _do(flight: Simulation, script: Script, deed: Deed) -> None:
 
 def _say(flight: Simulation, deed: Deed) -> None:
     """Give the active manager the operator's order that a deed names."""
-    reply = flight.operator.say(ORDERS[deed.what](deed.target))
+    if deed.what == "reload":
+        assert flight.reloads is not None
+        reply = flight.reloads.order_once()
+    else:
+        reply = flight.operator.say(ORDERS[deed.what](deed.target))
     if reply is None:
         raise UserError(f"'{deed.text}': no manager is active at that time to accept the order; choose another time")
     if not reply.done:

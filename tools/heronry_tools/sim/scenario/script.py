@@ -25,6 +25,8 @@ Times are seconds from the moment at which the first configuration runs. What ca
     script FILE                        (an order, too) run the script in this *.pcs.script file, and keep the
                                        configuration that the script makes; FILE is a path from this file's folder
     release                            (an order, too) end the script that the manager runs
+    reload FILE                        (an order, too) change to the spec in this file, a path from this file's folder
+                                       (simulator)
     stick device:NAME                  the device still answers, but with its last reading (simulator)
     wait                               nothing is done; the expectations below count from this time
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)
@@ -63,6 +65,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.console.flight_limits import LONGEST_S, read_share
 from heronry_tools.console.spec_files import load_spec_file, named_function, spec_path
 from heronry_tools.sim.faults.fault import KINDS, MANAGERS, Fault, is_one_of_two, read_fault
+from heronry_tools.sim.flight.flyable import reload_file
 from heronry_wire.spelling import meant
 
 
@@ -108,8 +111,8 @@ class Deed:
 
     line: int  # in the scenario file
     at_ns: int  # since the script began
-    what: str  # kill, restore, phase, priority, fail, clear, script, release, wait, stick, fault
-    target: str  # for the order `script`: the text of the script to apply
+    what: str  # kill, restore, phase, priority, fail, clear, script, release, reload, wait, stick, fault
+    target: str  # for the order `script`: the text of the script to apply; for `reload`: the file
     text: str  # the action as written in the scenario file
     fault: Fault | None = None
 
@@ -152,6 +155,11 @@ class Script:
     expectations: tuple[Expectation, ...]
     end_ns: int  # since the script began
     loss: float = 0.0  # share of the frames that are destroyed, 0 to 0.5
+
+    @property
+    def reload(self) -> Path | None:
+        """Return the file of the spec to which the aircraft changes; None: it does not."""
+        return next((Path(deed.target) for deed in self.deeds if deed.what == "reload"), None)
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -304,6 +312,8 @@ class _Reader:
                 deed = Deed(self.number, at_ns, what, self._element(element), text)
             case ["script", name]:
                 deed = Deed(self.number, at_ns, "script", self._script_text(name), text)
+            case ["reload", name]:
+                deed = Deed(self.number, at_ns, "reload", self._reload(name), text)
             case ["wait"]:
                 deed = Deed(self.number, at_ns, "wait", "", text)
             case ["release"]:
@@ -314,16 +324,19 @@ class _Reader:
                 deed = Deed(self.number, at_ns, "fault", target, text, self._fault(at_ns, words))
             case _:
                 known = [
-                    "kill",
-                    "restore",
-                    "phase",
-                    "priority",
-                    "fail",
-                    "clear",
-                    "script",
-                    "release",
-                    "wait",
-                    "stick",
+                    *[
+                        "kill",
+                        "restore",
+                        "phase",
+                        "priority",
+                        "fail",
+                        "clear",
+                        "script",
+                        "release",
+                        "reload",
+                        "wait",
+                        "stick",
+                    ],
                     *KINDS,
                 ]
                 remedy = meant(words[0], known, f"what can be done is {', '.join(known)}")
@@ -344,6 +357,19 @@ class _Reader:
         runs = before[-1] == "restore" if before else deed.target not in self.without
         if runs != (deed.what == "kill"):
             self._refuse(f"{deed.target} {'runs' if runs else 'does not run'} at that time; kill and restore in turn")
+
+    def _reload(self, name: str) -> str:
+        """Return the path of the file of another spec, of which a scenario has one."""
+        assert self.spec is not None
+        path = str(self.file.parent / name)
+        known = {deed.target for deed in self.deeds if deed.what == "reload"}
+        if known - {path}:
+            self._refuse("a scenario changes to one other spec; name the same file again, or leave this line out")
+        try:
+            reload_file(self.spec, path)
+        except UserError as error:
+            self._refuse(str(error))
+        return path
 
     def _fault(self, at_ns: int, words: list[str]) -> Fault:
         plain = list(words)

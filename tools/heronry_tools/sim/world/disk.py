@@ -59,6 +59,11 @@ class Disk:
         if is_number(record):
             self._sync(now_ns)
 
+    def is_of(self, spec: Spec, memory: Memory) -> None:
+        """Go on as the journal of another spec, with this memory; the whole journal is written anew."""
+        self._spec, self._memory = spec, memory
+        self._put_down()
+
     def torn(self, random: Random, now_ns: int) -> None:
         """Cut the power: only a random number of the bytes that are not synced remains, the first ones.
 

@@ -76,6 +76,7 @@ class ModuleSteps:
         withheld: Callable[[Withheld], None],
         broken: Mapping[str, str],
         broke: Callable[[str], None],
+        stepped: Callable[[str], None] | None = None,
     ) -> None:
         """Begin with modules that run on time: no step hangs, and the processor is not slow.
 
@@ -86,7 +87,9 @@ class ModuleSteps:
             the module or, for one PE, by NAME@PE.
         broke: is called with the name of a module that has raised an error, or given a value outside the range of
             its type.
+        stepped: is called with the name of a module at each of its steps; None: nobody asks.
         """
+        self._stepped = stepped
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
         self._drive, self._look, self._withheld = drive, look, withheld
         self._gives: dict[int, Collection[str]] = {}  # by running module: the outputs of its mode
@@ -176,6 +179,8 @@ class ModuleSteps:
             self._processor.answer(answer)
 
     def _tell(self, action: StepModule, now_ns: int, requested_ns: int) -> None:
+        if self._stepped is not None:
+            self._stepped(self.names[action.module])
         driver = self._drivers.get(action.module)
         if driver is not None:
             self._drive(Driven(now_ns, self._pe, driver, action.inputs, requested_ns))

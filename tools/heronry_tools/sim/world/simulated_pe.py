@@ -55,7 +55,7 @@ from heronry_tools.sim.world.replicated_port import Copy
 from heronry_tools.sim.world.simulated_loader import SimulatedLoader
 from heronry_tools.sim.world.steps_seen import Driven, Moved, StateSeen, Withheld
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import PE_NODES, actuator_echo_id
+from heronry_wire.identifiers import PE_NODES, actuator_echo_id, sdo_response_id
 from heronry_wire.pe_table import PeTable, TableError
 from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 
@@ -89,6 +89,8 @@ class SimulatedPe(Node):
         other_code: Collection[str] = (),
         loader: Callable[[Callable[[ModuleEvent], None]], SimulatedLoader] | None = None,
         switched: Callable[[PeTable], None] = lambda _: None,
+        stepped: Callable[[str], None] | None = None,
+        took: Callable[[PeTable], None] | None = None,
     ) -> None:
         """Join the buses of the PE's table, and start the PE.
 
@@ -105,6 +107,9 @@ class SimulatedPe(Node):
         lacks: modules whose code is missing on this PE
         other_code: images of which this PE has another version now; may change later
         switched: is called with the table by which the PE flies from now on, when it has changed in flight
+        stepped: is called with the name of a module at each of its steps; None: nobody asks
+        took: is called when the PE has ended since a table was brought in place of its own, while it ran nothing; the
+            caller starts it with this table. None: it ignores such a table
         loader: makes the loader of this PE from the function to which it gives its answers; None: it has none
         """
         super().__init__(clock, time)
@@ -143,6 +148,7 @@ class SimulatedPe(Node):
             withheld=withheld,
             broken=broken,
             broke=broke,
+            stepped=stepped,
         )
         self.modules = tuple(self.steps.names.values())  # modules that may run here
         # The one plant needs no output echoes; but a gateway must forward them.
@@ -163,6 +169,9 @@ class SimulatedPe(Node):
         )
         for port in self.outbox.radios:
             self._ears[port].left = partial(self._left, port)
+        self._took, self._answer_id = took, sdo_response_id(table.node_id)
+        if took is not None and table.uplink not in self.outbox.radios:
+            self._ears[table.uplink].left = self._answered
         self._listen()
         self._arm(self.core.next_deadline_ns())
 
@@ -237,6 +246,13 @@ class SimulatedPe(Node):
         if took_ns is not None:
             self._carry_out(self.core.step(self.time.now_ns(), Left(port, max(1, took_ns))))
             self._wake()
+
+    def _answered(self, frame: Frame) -> None:
+        """End this PE when the answer to the sender of another table is on the bus."""
+        table = self.core.new_table
+        if frame.can_id == self._answer_id and table is not None and self._took is not None and self.running:
+            self.stop()
+            self._took(table)
 
     def _take(self, event: Received) -> None:
         self.outbox.passing = event.frame
