@@ -192,3 +192,20 @@ def test_two_drivers_of_one_actuator_are_found_though_they_are_of_two_specs() ->
     for t_ns, module in enumerate(("servo_driver_1", "servo_driver_2", "servo_driver_1")):
         check.moved(Moved(t_ns, TAIL, module))
     assert [violation.rule for violation in check.violations] == ["exclusion"]
+
+
+def test_a_branch_of_a_demux_may_be_held_back_where_no_alive_names_its_pe(flight: Flight) -> None:
+    flight.check.reload_ordered()
+    flight.step(TAIL, "servo_driver_1")
+    for _ in range(4):
+        flight.now_ns += 20 * MS
+        flight.check.alive(flight.now_ns, PES)
+    flight.step(TAIL, "servo_driver_1")
+    for _ in range(8):
+        flight.now_ns += 20 * MS
+        flight.check.alive(flight.now_ns, PES)
+    assert len(flight.check.missed_steps([])) == 1
+    assert flight.check.missed_steps(["deaf"]) == []
+    flight.step(TAIL, "servo_driver_1", 150 * MS)
+    flight.check.alive(flight.now_ns, PES)
+    assert len(flight.check.missed_steps([])) == 1

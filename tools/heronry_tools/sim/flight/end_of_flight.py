@@ -35,7 +35,7 @@ def end_flight(simulation: Simulation, injections: Injections, targets: Iterable
 
 def _missed(simulation: Simulation, injections: Injections, targets: Collection[str], start_ns: int) -> list[Violation]:
     faults = list(injections.state_of)
-    has_others = set(targets) != {fault.target for fault in faults}
+    has_others = set(targets) != {fault.target for fault in faults} or simulation.reloads is not None
     denied = simulation.checks.denials(faults, range(start_ns, simulation.now_ns), has_others=has_others)
     missed = simulation.checks.missed_steps(faults)
     return denied + missed + simulation.checks.untold(faults, has_others=has_others)

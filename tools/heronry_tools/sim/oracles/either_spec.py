@@ -13,9 +13,12 @@ the frames of the managers the oracle verifies:
                (3) At the end every PE that ALIVE names flies by the spec of the epoch that was activated last.
     missed     A module whose definition is the same in both specs misses no step from the order on, as long as every
                activated configuration has it on the same PE in the same mode. A gap of more than one and a half
-               periods is a missed step.
+               periods is a missed step. A PE steps no branch of a DEMUX while it hears no ALIVE that names it, and
+               with a key from the moment at which it believes the next manager until ALIVE names it again: branches
+               are verified only where neither can be so.
     given_up   No epoch of the new spec is activated before it is ordered, nor after a manager has said that it has
                given the change up. If a mastership begins while no PE flies by the new spec, the change is given up.
+               (A manager that flies by the new spec since an earlier change may activate any epoch of it.)
 
 Rule `missed` is verified only for flights in which nothing was injected that delays steps (`missed_steps`).
 """
@@ -25,7 +28,7 @@ from collections.abc import Collection, Iterator
 from heronry_dg.configuration import Configuration
 from heronry_tools.recording.commanded import Epoch
 from heronry_tools.sim.oracles.flown_spec import FlownSpec
-from heronry_tools.sim.oracles.limits import PATIENCE_PERIODS, START_UP_WINDOW_NS
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS, PATIENCE_PERIODS, START_UP_WINDOW_NS
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.pe_table import PeTable
@@ -40,7 +43,9 @@ DISTURBS_NO_STEP = frozenset(
 )
 """Kinds of faults in whose presence a module goes on with its steps, as long as its PE lives."""
 
+_HEARS_ALL = frozenset(("crash", "reboot", *(kind for kind in DISTURBS_NO_STEP if kind.startswith("manager_"))))
 _SECOND_NS = 1_000_000_000
+_SOON_PERIODS = 3
 _WAITED_NS = 50_000_000
 _MHZ_NS = 10**12
 
@@ -48,20 +53,26 @@ _MHZ_NS = 10**12
 class EitherSpecCheck(Oracle):
     """Verifies that the PEs fly by the old spec or by the new one, and that what is the same goes on."""
 
-    def __init__(self, old: FlownSpec, new: FlownSpec) -> None:
+    def __init__(self, old: FlownSpec, new: FlownSpec, *, has_key: bool = False) -> None:
         """Begin with no PE; `old`: by which the managers start."""
         super().__init__()
+        self._exclusive, self._has_key = old.exclusive | new.exclusive, has_key
+        self._lease_ns = LEASE_PERIODS * old.spec.buses[old.spec.manager.bus].heartbeat_ns
+        self._began_ns: list[int] = []  # when each mastership began
         self._specs = {old.spec.digest: old, new.spec.digest: new}
         self._old, self._new = old.spec.digest, new.spec.digest
         self._same = {pe: old.goes_on(new, pe) for pe in old.tables}
-        heartbeat_ns = old.spec.buses[old.spec.manager.bus].heartbeat_ns
+        heartbeat_ns = self._lease_ns // LEASE_PERIODS
+        self._named_ns: dict[str, int] = {}  # by PE: when ALIVE named it last
+        self._unnamed: list[tuple[str, int, int]] = []  # times (from, to) in which no ALIVE named a PE
+        self._soon_ns = _SOON_PERIODS * heartbeat_ns
         self._patience_ns = PATIENCE_PERIODS * heartbeat_ns + _SECOND_NS
         self._flown: dict[str, str] = {}  # by PE that lives: digest of the spec of its table
         self._changed_ns: dict[str, int] = {}  # by PE or station: when it has changed in flight
         self._of_manager: dict[str, str] = {}  # by station of a manager: digest of its spec
         self._runs: set[str] = set()  # PEs that report that they follow an epoch
         self._named: frozenset[str] = frozenset()  # by the last ALIVE
-        self._may_change = False
+        self._is_ordered = False  # the change, and it is not given up
         self._is_under_way = False  # the reload, from its order on
         # Of the present change:
         self._to: str | None = None
@@ -71,21 +82,21 @@ class EitherSpecCheck(Oracle):
         # Of steps:
         self._stepped_ns: dict[tuple[str, str], int] = {}  # by PE and module
         self._activated: list[tuple[int, FlownSpec, Configuration | None]] = []
-        self._missed: list[Violation] = []
+        self._missed: list[tuple[str, str, Violation]] = []  # each with its PE and its module
 
     # What the operator and the managers do
 
     def reload_ordered(self) -> None:
         """Note that a manager has accepted the order to change to the new spec."""
-        self._may_change = self._is_under_way = True
+        self._is_ordered = self._is_under_way = True
 
     def reload_over(self, *, is_given_up: bool) -> None:
         """Note that a manager says that the change is given up, or that the aircraft flies by the new spec."""
-        self._may_change = not is_given_up
+        self._is_ordered = not is_given_up
 
     def changes(self, t_ns: int, to: str) -> None:
         """Verify the first step of an epoch of another spec than that of the epoch before; `to`: digest of the spec."""
-        if to == self._new and not self._may_change:
+        if to == self._new and not self._is_ordered and self._new not in self._of_manager.values():
             self._tell(t_ns, "given_up", "the PEs change to the new spec, which is not ordered, or was given up")
         self._to, self._has_begun = to, False
         self._takes_part = self._named & self._runs
@@ -98,15 +109,20 @@ class EitherSpecCheck(Oracle):
 
     def began(self, t_ns: int) -> None:
         """Note that a mastership begins: its manager may first have to wait for PEs, and to bring them back."""
+        self._began_ns.append(t_ns)
         self._mixed_until_ns = t_ns + START_UP_WINDOW_NS + self._patience_ns
         if self._new not in self._flown.values():
-            self._may_change = False
+            self._is_ordered = False
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
         """Verify that the PEs that a manager names as available fly by one spec."""
         if pes != self._named:
             self._mixed_until_ns = max(self._mixed_until_ns, t_ns + self._patience_ns)
         self._named, self._takes_part = pes, self._takes_part & pes
+        for pe in pes:
+            named_ns, self._named_ns[pe] = self._named_ns.get(pe, 0), t_ns
+            if t_ns - named_ns > self._soon_ns:
+                self._unnamed.append((pe, named_ns, t_ns))
         if t_ns > self._mixed_until_ns and len({self._flown[pe] for pe in self._flying()}) > 1:
             self._mixed_until_ns = t_ns + self._patience_ns  # tell it again later, not at every ALIVE
             self._tell(t_ns, "mixture", f"for too long: {self._who_flies_what()}")
@@ -178,19 +194,35 @@ class EitherSpecCheck(Oracle):
 
     def missed_steps(self, kinds: Collection[str]) -> list[Violation]:
         """Return a violation for each missed step; `kinds`: of all faults that were injected."""
-        return self._missed if DISTURBS_NO_STEP.issuperset(kinds) else []
+        if not DISTURBS_NO_STEP.issuperset(kinds):
+            return []
+        hears_all = _HEARS_ALL.issuperset(kinds)
+        return [
+            one
+            for pe, module, one in self._missed
+            if module not in self._exclusive or (hears_all and not self._may_hold_back(pe, one))
+        ]
+
+    def _may_hold_back(self, pe: str, missed: Violation) -> bool:
+        """Tell whether a PE may have held back what is exclusive when it missed a step."""
+        first_ns, last_ns = missed.since_ns or 0, missed.t_ns + self._lease_ns
+        unnamed = [*self._unnamed, (pe, self._named_ns.get(pe, 0) + self._soon_ns, last_ns + 1)]
+        is_new_term = self._has_key and any(first_ns <= began_ns <= last_ns for began_ns in self._began_ns)
+        return is_new_term or any(
+            one == pe and from_ns <= last_ns and first_ns <= to_ns for one, from_ns, to_ns in unnamed
+        )
 
     def _look_for_gap(self, t_ns: int, pe: str, module: str) -> None:
         before_ns = self._stepped_ns.get((pe, module))
         self._stepped_ns[pe, module] = t_ns
         if before_ns is None:
             return
-        rates = self._rates_mhz(before_ns, t_ns, pe, module)
-        if rates is not None and (t_ns - before_ns) * rates > _MHZ_NS * 3 // 2:
+        rate_mhz = self._rate_mhz(before_ns, t_ns, pe, module)
+        if rate_mhz is not None and (t_ns - before_ns) * rate_mhz > _MHZ_NS * 3 // 2:
             story = f"{module} on {pe}, which is the same in both specs, made no step for {(t_ns - before_ns) / 1e6} ms"
-            self._missed.append(Violation(t_ns, "missed", story, before_ns))
+            self._missed.append((pe, module, Violation(t_ns, "missed", story, before_ns)))
 
-    def _rates_mhz(self, from_ns: int, to_ns: int, pe: str, module: str) -> int | None:
+    def _rate_mhz(self, from_ns: int, to_ns: int, pe: str, module: str) -> int | None:
         """Return the rate of a module that ran on a PE in one mode from `from_ns` to `to_ns`; None: it did not."""
         modes = set()
         rate_mhz = 0

@@ -26,6 +26,12 @@ class FlownSpec:
         """The tables as text, by the name of the PE."""
         return {pe: table.to_json() for pe, table in self.tables.items()}
 
+    @property
+    def exclusive(self) -> frozenset[str]:
+        """The modules that a PE does not step while it is not authorized: the branches of a DEMUX, and its ends."""
+        entries = (entry for table in self.tables.values() for entry in table.modules)
+        return frozenset(entry.name for entry in entries if entry.demux)
+
     def goes_on(self, other: "FlownSpec", pe: str) -> frozenset[str]:
         """Return the modules that go on, on this PE, when `other` takes the place of this spec, or the reverse.
 

@@ -212,10 +212,12 @@ class FrameWatch:
         if not is_active:
             known.commanded.take(sent.end_ns, message, is_active=False)
             return
-        if isinstance(message, Activate | Lease) and self._is_of_the_other_spec(message):
-            self._changes(sent.end_ns, message.epoch)._new_command(manager, message, sent)
+        step = message if isinstance(message, Activate | Lease) else None
+        is_other = step is not None and self._is_of_the_other_spec(step)
+        if step is not None and is_other and self._is_next(step):
+            self._changes(sent.end_ns, step.epoch)._new_command(manager, message, sent)
             return
-        epoch = known.commanded.take(sent.end_ns, message)
+        epoch = None if is_other else known.commanded.take(sent.end_ns, message)
         if epoch is not None:
             for oracle in self._of["activated"]:
                 oracle.activated(sent.end_ns, epoch)
@@ -225,15 +227,18 @@ class FrameWatch:
             oracle.commanded(sent.end_ns, sent.sender, message)
 
     def _is_of_the_other_spec(self, message: Activate | Lease) -> bool:
-        """Tell whether a command takes a step of an epoch of the other spec, so that the PEs change to that one."""
+        """Tell whether a command takes a step of an epoch of the other spec."""
         beside, current = self._known.beside, self._known.commanded.current
         if beside is None or message.step is Step.PREPARED:
             return False
         if current is not None and (current.number, current.digest) == (message.epoch, message.digest):
             return False
-        # LEASE may name the epoch that a manager of the other spec remembers, before that manager commands anything
-        is_next = isinstance(message, Activate) or current is None or is_newer(message.epoch, current.number)
-        return is_next and beside.fits(message)
+        return beside.fits(message)
+
+    def _is_next(self, message: Activate | Lease) -> bool:
+        """Tell whether the PEs change by this command; LEASE may name what its manager remembers from before."""
+        current = self._known.commanded.current
+        return isinstance(message, Activate) or current is None or is_newer(message.epoch, current.number)
 
     def _alive(self, sent: Sent) -> None:
         if sent.bus != self._bus:

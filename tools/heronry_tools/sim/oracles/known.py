@@ -68,7 +68,7 @@ class _Lasting:
         self.exclusion = ExclusionCheck(spec) if other is None else ExclusionCheck(spec, other.spec)
         self.channels, self.scripts = ChannelCheck(spec), ScriptCheck()
         self.authenticity = None if key is None else AuthenticityCheck(spec, key)
-        self.either = None if other is None else EitherSpecCheck(flown, other)
+        self.either = None if other is None else EitherSpecCheck(flown, other, has_key=key is not None)
 
 
 class Known:

@@ -25,8 +25,7 @@ Times are seconds from the moment at which the first configuration runs. What ca
     script FILE                        (an order, too) run the script in this *.pcs.script file, and keep the
                                        configuration that the script makes; FILE is a path from this file's folder
     release                            (an order, too) end the script that the manager runs
-    reload FILE                        (an order, too) change to the spec in this file, a path from this file's folder
-                                       (simulator)
+    reload FILE                        (an order, too) change to the spec in this file, likewise (simulator)
     stick device:NAME                  the device still answers, but with its last reading (simulator)
     wait                               nothing is done; the expectations below count from this time
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)
@@ -323,22 +322,7 @@ class _Reader:
             case [kind, target, *_] if kind in KINDS:
                 deed = Deed(self.number, at_ns, "fault", target, text, self._fault(at_ns, words))
             case _:
-                known = [
-                    *[
-                        "kill",
-                        "restore",
-                        "phase",
-                        "priority",
-                        "fail",
-                        "clear",
-                        "script",
-                        "release",
-                        "reload",
-                        "wait",
-                        "stick",
-                    ],
-                    *KINDS,
-                ]
+                known = ["kill", "restore", *ORDERS, "reload", "wait", "stick", *KINDS]
                 remedy = meant(words[0], known, f"what can be done is {', '.join(known)}")
                 self._refuse(f"'{text}' cannot be done; {remedy}")
         self.deeds.append(deed)
@@ -362,8 +346,7 @@ class _Reader:
         """Return the path of the file of another spec, of which a scenario has one."""
         assert self.spec is not None
         path = str(self.file.parent / name)
-        known = {deed.target for deed in self.deeds if deed.what == "reload"}
-        if known - {path}:
+        if any(deed.what == "reload" and deed.target != path for deed in self.deeds):
             self._refuse("a scenario changes to one other spec; name the same file again, or leave this line out")
         try:
             reload_file(self.spec, path)
