@@ -146,6 +146,7 @@ class _Attack:
             self._listen(seconds, percent)
         else:
             self._listen(seconds / 4, percent)
+            self._look_whether_any_is_heard()
             self._restarted = self._silences.node
             (restarted,) = (pe.name for pe in self._flown.spec.pes.values() if pe.node_id == self._restarted)
             call(self._flown.fleet.control_socket(), ClearElement(f"pe:{restarted}"))  # the same hold-down each time
@@ -158,8 +159,7 @@ class _Attack:
             starter.join()
         silent_ms, renewed = self._silences.longest_ns(time.monotonic_ns()) / _MS, self._renewed
         self._listen(_SHOWN_S)
-        if not self._silences.heard:
-            raise UserError(f"no function of {self._flown.spec.name} is heard on {self._flown.main.name}")
+        self._look_whether_any_is_heard()
         return Endured(
             kind=self._kind,
             percent=percent,
@@ -173,6 +173,10 @@ class _Attack:
             has_joined=restarted is None or restarted in self._joined,
             usual_ms=usual_ms,
         )
+
+    def _look_whether_any_is_heard(self) -> None:
+        if not self._silences.heard:
+            raise UserError(f"no function of {self._flown.spec.name} is heard on {self._flown.main.name}")
 
     def _refused(self) -> int:
         status = call(self._flown.fleet.control_socket(), AskStatus()).status or {}
