@@ -52,6 +52,7 @@ class _Core:
     alive_id = 0
     plan = None
     is_pressed = False
+    changes_spec = False
 
     def __init__(self, *steps: list[ManagerAction], between_ns: int = MS) -> None:
         self._steps, self._between_ns = [*steps], between_ns
@@ -70,7 +71,7 @@ class _NoReloads:
 
     is_reading = False
 
-    def poll(self) -> list[Any]:
+    def poll(self, *, is_changing: bool) -> list[Any]:  # noqa: ARG002 - nobody does
         return []
 
 

@@ -291,7 +291,7 @@ def test_a_fault_that_is_not_injected_as_it_is_written_fails(
     ("body", "line", "sentence"),
     [
         ("at soon kill pe:tail_a", 4, "'soon' is not a time; write it as 2.5s or 80ms"),
-        ("at 1s explode pe:tail_a", 4, "'explode pe:tail_a' cannot be done; what can be done is kill"),
+        ("at 1s ignite pe:tail_a", 4, "'ignite pe:tail_a' cannot be done; what can be done is kill"),
         ("at 1s kil pe:tail_a", 4, "did you mean 'kill'?"),
         ("at 1s kill pe:tail", 4, "did you mean 'tail_b'?"),
         ("at 1s kill tail_a", 4, "'tail_a' is not a PE; write pe:NAME"),
